@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# Every command first sets up what it needs, from PyPI alone; .ci/setup does only what has changed since.
+SHELL := bash
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-blender figures bench package lint clean
+
+BPY ?=
+BLENDER ?= blender
+INPUT ?=
+PLATFORMS ?= all
+
+VENV := .venv$(if $(BPY),-bpy$(BPY))
+PYTHON := $(VENV)/bin/python
+PYTHON_FOR_4.5 := 3.11
+PYTHON_FOR_5.2 := 3.13
+PYTEST := $(PYTHON) -m pytest -c tests/pytest.ini
+
+help:
+	@echo 'make demo [INPUT=FILE]           push a stroke into Suzanne, or into a .pvm or .vdb: out/demo.vdb, out/demo.png'
+	@echo 'make test                        all tests, with the bpy wheel'
+	@echo 'make test-blender BLENDER=PATH   the Blender tests in a real Blender, on the built and installed extension'
+	@echo 'make figures                     the figures of the paper, into out/figures'
+	@echo 'make bench                       speed, into out/bench'
+	@echo 'make package [PLATFORMS=...]     the extension, dist/repousse-VERSION.zip; PLATFORMS=linux-x64,windows-x64 for those alone'
+	@echo 'make lint                        style and types'
+	@echo 'make setup                       only the environment that all of these use'
+	@echo 'make clean                       remove what these made, but not the environment'
+	@echo 'BPY=4.5 or BPY=5.2 with any of them: that bpy, in an environment of its own'
+
+setup:
+	@.ci/setup $(VENV) $(if $(BPY),$(or $(PYTHON_FOR_$(BPY)),$(error BPY=$(BPY): there is bpy 4.5 and 5.2)))
+
+demo: setup
+	@$(PYTHON) tests/bench/demo.py $(if $(INPUT),"$(INPUT)")
+
+test: setup
+	@$(PYTEST) tests --ignore tests/bench
+
+test-blender: setup
+	@$(PYTHON) tests/blender/run.py "$(BLENDER)"
+
+figures: setup
+	@$(PYTHON) tests/bench/figures.py
+
+bench: setup
+	@mkdir -p out/bench
+	@$(PYTEST) tests/bench --benchmark-json "out/bench/$$(date +%Y%m%d-%H%M%S).json"
+
+package: setup
+	@$(PYTHON) .ci/package.py --platforms "$(PLATFORMS)" --out dist
+
+lint: setup
+	@$(VENV)/bin/ruff check .
+	@$(VENV)/bin/ruff format --check .
+	@$(VENV)/bin/mypy
+
+clean:
+	@rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks repousse.egg-info
+	@find . -name .git -prune -o -path './.venv*' -prune -o -name __pycache__ -type d -exec rm -rf {} +
