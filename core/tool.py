@@ -74,6 +74,23 @@ class Shape:
         """Share of each voxel that lies in the shape, w = clamp(1/2 - distance, 0, 1)."""
         return np.clip(0.5 - self.distance(x, y, z), 0.0, 1.0)
 
+    def normal(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Outward unit normal of the nearest surface, the gradient of the distance: shape (3, ...), 0 at the core."""
+        ax, ay, az = self.half_axis
+        length2 = ax * ax + ay * ay + az * az
+        if length2 > 0.0:
+            along = np.clip((x * ax + y * ay + z * az) / length2, -1.0, 1.0)
+            x, y, z = x - along * ax, y - along * ay, z - along * az
+        vector = np.stack(np.broadcast_arrays(x, y, z)).astype(np.float64)
+        if max(self.half_size) > 0.0:
+            excess = np.abs(vector) - np.reshape(self.half_size, (3,) + (1,) * (vector.ndim - 1))
+            deepest = excess.max(axis=0)
+            # Inside, the nearest face, or equally all that are equally near.
+            part = np.where(deepest > 0.0, np.maximum(excess, 0.0), excess == deepest)
+            vector = np.where(vector < 0.0, -part, part)
+        length = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+        return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0.0)
+
     @property
     def covered_volume(self) -> float:
         """Sum of w over all voxels, in voxels: the mean of the volumes within -1/2 .. +1/2 of the surface."""

@@ -1,0 +1,1110 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// The material's kernels (DESIGN 3): estimate, empty, sweep, put_back, rim. Each has a numpy twin beside its caller in
+// core/, which does the same operations in the same order and type; tests hold the two together. The callers own all
+// memory; nothing here allocates.
+//
+// Index space: voxel centres at integers, lengths in voxels, density float32 in [0, 1], axis 2 contiguous.
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+#define ABI_VERSION 1        // the loader refuses any other
+#define BRICK 8              // edge of a brick, core/grid.py
+#define SHELL 0.5            // thickness of the shells that are emptied one after another, voxels
+#define MAX_SHELLS 4096      // so tools are under 2000 voxels thick
+#define NEGLIGIBLE 1e-4f     // flux below this at the window's edge is folded inward (DESIGN 2)
+#define SLAB_PLANES 16       // planes along axis 2 that share a cache line of float32
+#define SLAB_MARGIN 4        // room for the window to grow in before a slab is read again
+#define NEARLY_FULL 1e-3f    // a voxel with less room than this is full, for the rim (facts/rim.md)
+#define SIGHT_STEP 1.5       // voxels between samples of the line of material
+#define SIGHT_AIR 0.25f      // density below this is air on that line
+#define CLUSTERS 9           // clusters of emptied material along each axis
+#define MAX_POINTS (CLUSTERS * CLUSTERS * CLUSTERS)
+#define CLUSTERS_IN_RADIUS 2.5
+#define LANES 8              // running sums that the compiler may turn into vectors
+
+enum Border { GROW = 0, WALL = 1, OPEN = 2 };
+enum Status { DONE = 0, NEEDS_GROWTH = 1, LIST_FULL = 2 };
+
+typedef struct {
+    double half_size[3], half_axis[3], radius;
+} Shape;
+
+typedef struct {
+    Shape volume, surroundings;  // the tool t; the tool and its reach s
+    double centre[3];
+} Tool;
+
+typedef struct {
+    float *density;
+    int64_t shape[3];
+    // Before-images of bricks (core/history.py); kept is NULL when nobody asked for them.
+    uint8_t *kept;
+    float *images;
+    int64_t *bricks, *kept_count;
+} Grid;
+
+typedef struct {
+    double tool_mass, reach_mass, gradient[3];
+} Estimate;
+
+typedef struct {
+    int64_t axis;           // dominant axis of the push: the buffer is ordered (axis, the other two in order)
+    float *buffer;          // mass taken from each voxel of the box
+    int64_t low[3], n[3];   // the box around the tool, in (a, b, c) order
+    int64_t first[3], last[3]; // the part of it that is not zero, half open, as grid indices in (a, b, c) order
+    double mass, tool_loss, reach_loss;
+    double carry; // what rounding to float32 has kept back so far; it travels with the next flux
+} Emptied;
+
+typedef struct {
+    double direction[3]; // unit vector u, grid order
+    double limit;        // distance ahead of the tool's centre along u beyond which nothing goes (the band)
+    float weights[9];    // 3x3 spreading kernel, (b, c) order
+    int64_t shift[2];    // whole-voxel part of the shear
+    int64_t border;
+    float *flux, *next, *row, *slab;
+    int64_t window[4]; // b0, b1, c0, c1 of the active window, half open
+    int64_t origin[2], stride; // where the flux buffer starts and its row length
+    int64_t plane, spread_done;
+    int64_t needs[6]; // voxels of growth asked for: below and above along axes 0, 1, 2
+    double laid, reach_gain, mass_out, surplus;
+    int64_t planes, visited;
+    int64_t dirty[6]; // low and high of what was written, grid order
+} Sweep;
+
+typedef struct {
+    double x[MAX_POINTS], y[MAX_POINTS], z[MAX_POINTS], mass[MAX_POINTS]; // mean position and mass of each cluster
+    int64_t count;
+    double contact_radius;
+} Sources;
+
+typedef struct {
+    int64_t *index; // flat index of each voxel that can take material
+    float *weight;
+    int64_t capacity, count;
+    uint8_t *marks;     // a byte for each voxel of a row
+    const float *zeros; // a row of air, for what lies outside the grid
+    double direction[3], wake;
+    int64_t dirty[6];
+} Rim;
+
+EXPORT int64_t repousse_abi(void) { return ABI_VERSION; }
+
+static int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
+static int64_t most(int64_t a, int64_t b) { return a > b ? a : b; }
+static int64_t within(int64_t x, int64_t low, int64_t high) { return most(low, least(x, high)); }
+
+// ---- shapes ---------------------------------------------------------------------------------------------------------
+
+static double clamp(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
+
+// Signed distance of a point relative to the shape's centre; the same arithmetic as Shape.distance in core/tool.py.
+static double distance(const Shape *s, double x, double y, double z) {
+    const double ax = s->half_axis[0], ay = s->half_axis[1], az = s->half_axis[2];
+    const double length2 = ax * ax + ay * ay + az * az;
+    if (length2 > 0.0) {
+        const double along = clamp((x * ax + y * ay + z * az) / length2, -1.0, 1.0);
+        x -= along * ax;
+        y -= along * ay;
+        z -= along * az;
+    }
+    double inside = 0.0;
+    if (s->half_size[0] > 0.0) {
+        x = fabs(x) - s->half_size[0];
+        y = fabs(y) - s->half_size[1];
+        z = fabs(z) - s->half_size[2];
+        inside = fmin(fmax(fmax(x, y), z), 0.0);
+        x = fmax(x, 0.0);
+        y = fmax(y, 0.0);
+        z = fmax(z, 0.0);
+    }
+    return sqrt(x * x + y * y + z * z) + inside - s->radius;
+}
+
+static double coverage_at(double distance_) { return clamp(0.5 - distance_, 0.0, 1.0); }
+
+static double coverage(const Shape *s, double x, double y, double z) { return coverage_at(distance(s, x, y, z)); }
+
+// Outward unit normal of the shape's surface nearest to a point: the gradient of its distance.
+static void normal(const Shape *s, double x, double y, double z, double n[3]) {
+    double v[3] = {x, y, z};
+    const double *a = s->half_axis, *h = s->half_size;
+    const double length2 = a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+    if (length2 > 0.0) {
+        const double along = clamp((x * a[0] + y * a[1] + z * a[2]) / length2, -1.0, 1.0);
+        for (int i = 0; i < 3; i++) v[i] -= along * a[i];
+    }
+    if (h[0] > 0.0) {
+        double q[3], deepest = -INFINITY;
+        for (int i = 0; i < 3; i++) {
+            q[i] = fabs(v[i]) - h[i];
+            deepest = fmax(deepest, q[i]);
+        }
+        // Inside, the nearest face, or equally all that are equally near.
+        for (int i = 0; i < 3; i++) {
+            const double part = deepest > 0.0 ? fmax(q[i], 0.0) : (q[i] == deepest ? 1.0 : 0.0);
+            v[i] = v[i] < 0.0 ? -part : part;
+        }
+    }
+    const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    for (int i = 0; i < 3; i++) n[i] = length > 0.0 ? v[i] / length : 0.0;
+}
+
+static double extent(const Shape *s, int axis) {
+    return s->half_size[axis] + fabs(s->half_axis[axis]) + s->radius;
+}
+
+typedef struct {
+    int64_t low, high;           // voxels of the row with coverage > 0, half open
+    int64_t full_low, full_high; // of these, voxels whose coverage is surely 1
+} Span;
+
+// The voxels of one row that a convex shape covers: x, y are the row's offsets from the centre, z the centre's index.
+static Span row_span(const Shape *s, double x, double y, double z, int64_t n) {
+    Span span = {0, 0, 0, 0};
+    double half = extent(s, 2) + 0.5, full = -1.0;
+    const int ball = s->half_size[0] == 0.0 && s->half_axis[0] == 0.0 && s->half_axis[1] == 0.0 && s->half_axis[2] == 0.0;
+    if (ball) {
+        const double outer = s->radius + 0.5, inner = s->radius - 0.5, across2 = x * x + y * y;
+        if (across2 >= outer * outer) return span;
+        half = sqrt(outer * outer - across2);
+        if (inner > 0.0 && across2 < inner * inner) full = sqrt(inner * inner - across2);
+    } else if (fabs(x) >= extent(s, 0) + 0.5 || fabs(y) >= extent(s, 1) + 0.5) {
+        return span;
+    } else if (s->half_size[0] > 0.0 && s->radius == 0.0 && fabs(x) <= s->half_size[0] - 0.5 &&
+               fabs(y) <= s->half_size[1] - 0.5) {
+        full = s->half_size[2] - 0.5;
+    }
+    span.low = most(0, (int64_t)ceil(z - half) - 1);
+    span.high = least(n, (int64_t)floor(z + half) + 2);
+    while (span.low < span.high && distance(s, x, y, (double)span.low - z) >= 0.5) span.low++;
+    while (span.low < span.high && distance(s, x, y, (double)(span.high - 1) - z) >= 0.5) span.high--;
+    if (span.low >= span.high) return (Span){0, 0, 0, 0};
+    full -= 1e-9; // voxels on the brink are left to the formula
+    span.full_low = full > 0.0 ? (int64_t)clamp(ceil(z - full), (double)span.low, (double)span.high) : span.low;
+    span.full_high = full > 0.0 ? (int64_t)clamp(floor(z + full) + 1.0, (double)span.full_low, (double)span.high) : span.full_low;
+    return span;
+}
+
+// Sum of a row in float64. Eight running sums let the compiler use vectors without reordering additions.
+static double row_sum(const float *v, int64_t n) {
+    double lanes[LANES] = {0.0};
+    int64_t k = 0;
+    for (; k + LANES <= n; k += LANES)
+        for (int l = 0; l < LANES; l++) lanes[l] += (double)v[k + l];
+    for (; k < n; k++) lanes[0] += (double)v[k];
+    return ((lanes[0] + lanes[4]) + (lanes[1] + lanes[5])) + ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7]));
+}
+
+// Sum of coverage times value over a row whose element 0 lies at index `first` (the row of values starts there).
+static double covered_sum(const Shape *s, double x, double y, double z, Span span, const float *v, int64_t first) {
+    double sum = 0.0;
+    for (int64_t k = span.low; k < span.full_low; k++) sum += coverage(s, x, y, (double)k - z) * (double)v[k - first];
+    if (span.full_high > span.full_low) sum += row_sum(v + (span.full_low - first), span.full_high - span.full_low);
+    for (int64_t k = span.full_high; k < span.high; k++) sum += coverage(s, x, y, (double)k - z) * (double)v[k - first];
+    return sum;
+}
+
+static void box_of(const Shape *s, const double centre[3], const int64_t shape[3], int64_t low[3], int64_t high[3]) {
+    for (int a = 0; a < 3; a++) {
+        low[a] = most(0, (int64_t)floor(clamp(centre[a] - extent(s, a) - 0.5, 0.0, (double)shape[a])));
+        high[a] = least(shape[a], (int64_t)ceil(clamp(centre[a] + extent(s, a) + 0.5, -1.0, (double)shape[a])) + 1);
+    }
+}
+
+// ---- before-images of bricks ----------------------------------------------------------------------------------------
+
+static void keep_brick(Grid *g, int64_t bi, int64_t bj, int64_t bk) {
+    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
+    const int64_t brick = (bi * nj + bj) * nk + bk;
+    if (g->kept[brick]) return;
+    g->kept[brick] = 1;
+    float *image = g->images + *g->kept_count * (BRICK * BRICK * BRICK);
+    g->bricks[(*g->kept_count)++] = brick;
+    const int64_t n = least(BRICK, g->shape[2] - bk * BRICK);
+    for (int64_t i = bi * BRICK; i < least((bi + 1) * BRICK, g->shape[0]); i++)
+        for (int64_t j = bj * BRICK; j < least((bj + 1) * BRICK, g->shape[1]); j++)
+            memcpy(image + ((i - bi * BRICK) * BRICK + (j - bj * BRICK)) * BRICK,
+                   g->density + (i * g->shape[1] + j) * g->shape[2] + bk * BRICK, (size_t)n * sizeof(float));
+}
+
+// Before any voxel of the box is written for the first time in a stroke, its bricks are copied.
+static void keep_box(Grid *g, int64_t i0, int64_t i1, int64_t j0, int64_t j1, int64_t k0, int64_t k1) {
+    if (!g->kept) return;
+    for (int64_t bi = i0 / BRICK; bi <= (i1 - 1) / BRICK; bi++)
+        for (int64_t bj = j0 / BRICK; bj <= (j1 - 1) / BRICK; bj++)
+            for (int64_t bk = k0 / BRICK; bk <= (k1 - 1) / BRICK; bk++) keep_brick(g, bi, bj, bk);
+}
+
+static void mark_dirty(int64_t dirty[6], int64_t i0, int64_t i1, int64_t j0, int64_t j1, int64_t k0, int64_t k1) {
+    const int64_t low[3] = {i0, j0, k0}, high[3] = {i1, j1, k1};
+    for (int a = 0; a < 3; a++) {
+        dirty[a] = least(dirty[a], low[a]);
+        dirty[3 + a] = most(dirty[3 + a], high[a]);
+    }
+}
+
+// ---- estimate -------------------------------------------------------------------------------------------------------
+
+// M_t = sum w_t d, M_s = sum (w_s - w_t) d, and grad M_t = sum over the tool's skin of d n (paper equations 4, 5).
+EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out) {
+    int64_t low[3], high[3];
+    double tool_mass = 0.0, both = 0.0, gradient[3] = {0.0, 0.0, 0.0};
+    box_of(&t->surroundings, t->centre, g->shape, low, high);
+    for (int64_t i = low[0]; i < high[0]; i++) {
+        const double x = (double)i - t->centre[0];
+        for (int64_t j = low[1]; j < high[1]; j++) {
+            const double y = (double)j - t->centre[1], z = t->centre[2];
+            const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
+            const Span reach = row_span(&t->surroundings, x, y, z, g->shape[2]);
+            if (reach.low >= reach.high) continue;
+            both += covered_sum(&t->surroundings, x, y, z, reach, d, 0);
+            const Span tool = row_span(&t->volume, x, y, z, g->shape[2]);
+            if (tool.low >= tool.high) continue;
+            tool_mass += covered_sum(&t->volume, x, y, z, tool, d, 0);
+            for (int64_t k = tool.low; k < tool.high; k++) {
+                if (k == tool.full_low && tool.full_high > k) {
+                    k = tool.full_high;
+                    if (k >= tool.high) break;
+                }
+                if (d[k] <= 0.0f) continue;
+                const double w = coverage(&t->volume, x, y, (double)k - z);
+                if (w <= 0.0 || w >= 1.0) continue;
+                double n[3];
+                normal(&t->volume, x, y, (double)k - z, n);
+                for (int a = 0; a < 3; a++) gradient[a] += (double)d[k] * n[a];
+            }
+        }
+    }
+    out->tool_mass = tool_mass;
+    out->reach_mass = both - tool_mass;
+    for (int a = 0; a < 3; a++) out->gradient[a] = gradient[a];
+}
+
+// ---- the push's frame -----------------------------------------------------------------------------------------------
+
+// Axes in the order (a, b, c): a is swept along, rows run along c, which is contiguous unless a is axis 2.
+typedef struct {
+    int axis[3];
+    int64_t n[3], stride[3];
+    double centre[3];
+    Shape volume, surroundings;
+} Frame;
+
+static void permute(const Shape *s, const int axis[3], Shape *out) {
+    for (int i = 0; i < 3; i++) {
+        out->half_size[i] = s->half_size[axis[i]];
+        out->half_axis[i] = s->half_axis[axis[i]];
+    }
+    out->radius = s->radius;
+}
+
+static Frame frame_of(const Grid *g, const Tool *t, int64_t dominant) {
+    static const int orders[3][3] = {{0, 1, 2}, {1, 0, 2}, {2, 0, 1}};
+    const int64_t strides[3] = {g->shape[1] * g->shape[2], g->shape[2], 1};
+    Frame f;
+    for (int i = 0; i < 3; i++) {
+        const int axis = orders[dominant][i];
+        f.axis[i] = axis;
+        f.n[i] = g->shape[axis];
+        f.stride[i] = strides[axis];
+        f.centre[i] = t->centre[axis];
+    }
+    permute(&t->volume, f.axis, &f.volume);
+    permute(&t->surroundings, f.axis, &f.surroundings);
+    return f;
+}
+
+static float *emptied_at(const Emptied *e, int64_t a, int64_t b, int64_t c) {
+    return e->buffer + ((a - e->low[0]) * e->n[1] + (b - e->low[1])) * e->n[2] + (c - e->low[2]);
+}
+
+static int64_t shell_of(double distance_, int64_t shells) {
+    return most(0, least(shells - 1, (int64_t)floor((0.5 - distance_) / SHELL)));
+}
+
+// ---- empty ----------------------------------------------------------------------------------------------------------
+
+// What a voxel can give: the share of its mass inside the tool, w d. Packed material first fills the part of its voxel
+// that the tool leaves free, so it gives only d - (1 - w): then a tool that passes twice finds nothing more to take.
+static double available(float d, double w, int64_t packed) {
+    return packed ? fmax((double)d - (1.0 - w), 0.0) : w * (double)d;
+}
+
+typedef struct {
+    int64_t last;   // the shell of which a part is taken; all deeper ones are emptied
+    double part;
+} Cut;
+
+static Cut cut_for(const double *mass, int64_t shells, double wanted) {
+    double taken = 0.0;
+    for (int64_t s = shells - 1; s >= 0; s--) {
+        if (mass[s] <= 0.0) continue;
+        if (taken + mass[s] >= wanted) return (Cut){s, (wanted - taken) / mass[s]};
+        taken += mass[s];
+    }
+    return (Cut){0, 1.0};
+}
+
+// Float32 rounds all alike in uniform material, so its errors add up unless they are moved on: to the largest source.
+static void send_carry(Emptied *e, float *largest) {
+    const double former = (double)*largest;
+    *largest = (float)(former + e->carry);
+    const double sent = (double)*largest - former;
+    e->mass += sent;
+    e->carry -= sent;
+}
+
+// Take mass from the innermost shells of the tool until M_t has fallen by `wanted` (paper 7, steps 2 and 4).
+EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed, Emptied *e) {
+    const Frame f = frame_of(g, t, e->axis);
+    int64_t low[3], high[3], inverse[3];
+    double mass[MAX_SHELLS];
+    for (int i = 0; i < 3; i++) inverse[f.axis[i]] = i;
+    const double deepest = fmin(fmin(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2));
+    const int64_t shells = least(MAX_SHELLS, (int64_t)((deepest + 0.5) / SHELL) + 2);
+    memset(mass, 0, (size_t)shells * sizeof(double));
+    box_of(&t->volume, t->centre, g->shape, low, high);
+    for (int i = 0; i < 3; i++) {
+        e->first[i] = INT64_MAX;
+        e->last[i] = INT64_MIN;
+    }
+    e->mass = e->tool_loss = e->reach_loss = 0.0;
+    float *largest = NULL;
+    Cut cut = {0, 0.0};
+    for (int pass = 0; pass < 2; pass++) { // first weigh the shells, then take
+        for (int64_t i = low[0]; i < high[0]; i++) {
+            const double x = (double)i - t->centre[0];
+            for (int64_t j = low[1]; j < high[1]; j++) {
+                const double y = (double)j - t->centre[1], z = t->centre[2];
+                float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
+                const Span span = row_span(&t->volume, x, y, z, g->shape[2]);
+                for (int64_t k = span.low; k < span.high; k++) {
+                    if (d[k] <= 0.0f) continue;
+                    const double far = distance(&t->volume, x, y, (double)k - z), w = coverage_at(far);
+                    const int64_t shell = shell_of(far, shells);
+                    if (pass == 0) {
+                        mass[shell] += w * available(d[k], w, packed);
+                        continue;
+                    }
+                    if (shell < cut.last) continue;
+                    const double part = shell > cut.last ? 1.0 : cut.part;
+                    const float taken = (float)(part * available(d[k], w, packed));
+                    if (taken <= 0.0f) continue;
+                    keep_box(g, i, i + 1, j, j + 1, k, k + 1);
+                    const double former = (double)d[k];
+                    d[k] = (float)(former - (double)taken);
+                    e->carry += former - (double)d[k] - (double)taken;
+                    const double around = coverage(&t->surroundings, x, y, (double)k - z);
+                    e->mass += (double)taken;
+                    e->tool_loss += w * (double)taken;
+                    e->reach_loss += (around - w) * (double)taken;
+                    const int64_t at[3] = {i, j, k};
+                    float *record = emptied_at(e, at[f.axis[0]], at[f.axis[1]], at[f.axis[2]]);
+                    *record = taken;
+                    if (!largest || taken > *largest) largest = record;
+                    for (int a = 0; a < 3; a++) {
+                        const int64_t slot = inverse[a];
+                        e->first[slot] = least(e->first[slot], at[a]);
+                        e->last[slot] = most(e->last[slot], at[a] + 1);
+                    }
+                }
+            }
+        }
+        if (pass == 0) cut = cut_for(mass, shells, wanted);
+    }
+    if (largest) send_carry(e, largest);
+}
+
+// Zero the part of the buffer that was used, so that it need not be cleared as a whole.
+EXPORT void repousse_clear(Emptied *e) {
+    for (int64_t a = e->first[0]; a < e->last[0]; a++)
+        for (int64_t b = e->first[1]; b < e->last[1]; b++)
+            memset(emptied_at(e, a, b, e->first[2]), 0, (size_t)(e->last[2] - e->first[2]) * sizeof(float));
+}
+
+// Return mass to the voxels that it was taken from, outermost shells first, each voxel of a shell by the same part.
+EXPORT void repousse_put_back(Grid *g, const Tool *t, double amount, Emptied *e) {
+    const Frame f = frame_of(g, t, e->axis);
+    double mass[MAX_SHELLS];
+    const double deepest = fmin(fmin(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2));
+    const int64_t shells = least(MAX_SHELLS, (int64_t)((deepest + 0.5) / SHELL) + 2);
+    memset(mass, 0, (size_t)shells * sizeof(double));
+    double tool_gain = 0.0, reach_gain = 0.0;
+    Cut cut = {0, 0.0};
+    for (int pass = 0; pass < 2; pass++) {
+        for (int64_t a = e->first[0]; a < e->last[0]; a++)
+            for (int64_t b = e->first[1]; b < e->last[1]; b++)
+                for (int64_t c = e->first[2]; c < e->last[2]; c++) {
+                    const float taken = *emptied_at(e, a, b, c);
+                    if (taken <= 0.0f) continue;
+                    const double x = (double)a - f.centre[0], y = (double)b - f.centre[1], z = (double)c - f.centre[2];
+                    const double far = distance(&f.volume, x, y, z);
+                    const int64_t shell = shells - 1 - shell_of(far, shells); // outermost first
+                    float *d = g->density + a * f.stride[0] + b * f.stride[1] + c * f.stride[2];
+                    // The rim may have used some of the room that the tool left in a voxel of its skin.
+                    const double fits = fmin((double)taken, 1.0 - (double)*d);
+                    if (pass == 0) {
+                        mass[shell] += fits;
+                        continue;
+                    }
+                    if (shell < cut.last) continue;
+                    const double part = shell > cut.last ? 1.0 : cut.part, w = coverage_at(far), back = part * fits;
+                    const double former = (double)*d;
+                    *d = (float)(former + back);
+                    amount -= (double)*d - former;
+                    tool_gain += w * back;
+                    reach_gain += (coverage(&f.surroundings, x, y, z) - w) * back;
+                }
+        if (pass == 0) cut = cut_for(mass, shells, amount);
+    }
+    e->carry += amount;
+    e->tool_loss -= tool_gain;
+    e->reach_loss -= reach_gain;
+}
+
+// ---- sweep ----------------------------------------------------------------------------------------------------------
+
+// Columns along axis 2 are far apart in memory, so planes across it are read and written a cache line's worth at a time.
+typedef struct {
+    int64_t plane, planes, b0, b1, c0, c1; // what the slab holds; planes = 0 when it holds nothing
+    int64_t dirty_b0, dirty_b1, dirty_c0, dirty_c1;
+} Slab;
+
+static float *slab_row(const Sweep *s, const Slab *slab, int64_t plane, int64_t b) {
+    return s->slab + ((plane - slab->plane) * (slab->b1 - slab->b0) + (b - slab->b0)) * (slab->c1 - slab->c0) - slab->c0;
+}
+
+static void flush_slab(Grid *g, const Frame *f, const Sweep *s, Slab *slab) {
+    if (slab->planes && slab->dirty_b0 < slab->dirty_b1) {
+        keep_box(g, slab->dirty_b0, slab->dirty_b1, slab->dirty_c0, slab->dirty_c1, slab->plane, slab->plane + slab->planes);
+        for (int64_t b = slab->dirty_b0; b < slab->dirty_b1; b++)
+            for (int64_t c = slab->dirty_c0; c < slab->dirty_c1; c++) {
+                float *d = g->density + b * f->stride[1] + c * f->stride[2] + slab->plane;
+                for (int64_t q = 0; q < slab->planes; q++) d[q] = slab_row(s, slab, slab->plane + q, b)[c];
+            }
+    }
+    slab->planes = 0;
+}
+
+static void load_slab(Grid *g, const Frame *f, const Sweep *s, Slab *slab, int64_t plane) {
+    const int64_t *w = s->window;
+    const int64_t lead_b = SLAB_PLANES * s->shift[0], lead_c = SLAB_PLANES * s->shift[1];
+    flush_slab(g, f, s, slab);
+    slab->plane = plane / SLAB_PLANES * SLAB_PLANES;
+    slab->planes = least(SLAB_PLANES, f->n[0] - slab->plane);
+    slab->b0 = most(0, w[0] - SLAB_MARGIN + least(0, lead_b));
+    slab->b1 = least(f->n[1], w[1] + SLAB_MARGIN + most(0, lead_b));
+    slab->c0 = most(0, w[2] - SLAB_MARGIN + least(0, lead_c));
+    slab->c1 = least(f->n[2], w[3] + SLAB_MARGIN + most(0, lead_c));
+    slab->dirty_b0 = slab->dirty_c0 = INT64_MAX;
+    slab->dirty_b1 = slab->dirty_c1 = INT64_MIN;
+    for (int64_t b = slab->b0; b < slab->b1; b++)
+        for (int64_t c = slab->c0; c < slab->c1; c++) {
+            const float *d = g->density + b * f->stride[1] + c * f->stride[2] + slab->plane;
+            for (int64_t q = 0; q < slab->planes; q++) slab_row(s, slab, slab->plane + q, b)[c] = d[q];
+        }
+}
+
+static int slab_holds(const Slab *slab, const int64_t w[4], int64_t plane) {
+    return plane >= slab->plane && plane < slab->plane + slab->planes && w[0] >= slab->b0 && w[1] <= slab->b1 &&
+           w[2] >= slab->c0 && w[3] <= slab->c1;
+}
+
+static float *flux_at(const Sweep *s, int64_t b, int64_t c) {
+    return s->flux + (b - s->origin[0]) * s->stride + (c - s->origin[1]);
+}
+
+// One plane on: the flux is sheared and spread by the 3x3 kernel, and the window made to hold this plane's sources too.
+static void spread(Sweep *s, const Emptied *e, int has_sources) {
+    int64_t *w = s->window;
+    const int64_t rows = w[1] - w[0], columns = w[3] - w[2];
+    const int64_t b0 = w[0] + s->shift[0] - 1, c0 = w[2] + s->shift[1] - 1;
+    int64_t grown[4] = {b0, b0 + rows + 2, c0, c0 + columns + 2};
+    if (rows <= 0) memcpy(grown, (int64_t[4]){INT64_MAX, INT64_MIN, INT64_MAX, INT64_MIN}, sizeof grown);
+    if (has_sources) {
+        for (int i = 0; i < 2; i++) {
+            grown[2 * i] = least(grown[2 * i], e->first[1 + i]);
+            grown[2 * i + 1] = most(grown[2 * i + 1], e->last[1 + i]);
+        }
+    }
+    const int64_t stride = grown[3] - grown[2];
+    memset(s->next, 0, (size_t)((grown[1] - grown[0]) * stride) * sizeof(float));
+    for (int64_t row = 0; row < rows + 2 && rows > 0; row++) {
+        float *to = s->next + (b0 + row - grown[0]) * stride + (c0 - grown[2]);
+        for (int64_t i = 0; i < 3; i++) {
+            if (row - i < 0 || row - i >= rows) continue;
+            const float *from = flux_at(s, w[0] + row - i, w[2]);
+            for (int64_t j = 0; j < 3; j++) {
+                const float weight = s->weights[3 * i + j];
+                if (weight == 0.0f) continue;
+                float *restrict target = to + j;
+                for (int64_t k = 0; k < columns; k++) target[k] += weight * from[k];
+            }
+        }
+    }
+    float *spent = s->flux;
+    s->flux = s->next;
+    s->next = spent;
+    memcpy(w, grown, sizeof grown);
+    s->origin[0] = grown[0];
+    s->origin[1] = grown[2];
+    s->stride = stride;
+}
+
+static void add_sources(Sweep *s, const Emptied *e) {
+    for (int64_t b = e->first[1]; b < e->last[1]; b++) {
+        const float *source = emptied_at(e, s->plane, b, e->first[2]);
+        float *flux = flux_at(s, b, e->first[2]);
+        for (int64_t c = 0; c < e->last[2] - e->first[2]; c++) flux[c] += source[c];
+    }
+}
+
+static void fold_row(Sweep *s, int64_t from, int64_t to) {
+    for (int64_t c = s->window[2]; c < s->window[3]; c++) {
+        *flux_at(s, to, c) += *flux_at(s, from, c);
+        *flux_at(s, from, c) = 0.0f;
+    }
+}
+
+static void fold_column(Sweep *s, int64_t from, int64_t to) {
+    for (int64_t b = s->window[0]; b < s->window[1]; b++) {
+        *flux_at(s, b, to) += *flux_at(s, b, from);
+        *flux_at(s, b, from) = 0.0f;
+    }
+}
+
+static int faint(const Sweep *s, int64_t b0, int64_t b1, int64_t c0, int64_t c1) {
+    for (int64_t b = b0; b < b1; b++)
+        for (int64_t c = c0; c < c1; c++)
+            if (*flux_at(s, b, c) >= NEGLIGIBLE) return 0;
+    return 1;
+}
+
+// Fold edges whose flux is negligible inward; all four are judged before any is moved, so that mirrors stay mirrors.
+static void trim(Sweep *s) {
+    int64_t *w = s->window;
+    for (;;) {
+        const int b_low = faint(s, w[0], w[0] + 1, w[2], w[3]), b_high = faint(s, w[1] - 1, w[1], w[2], w[3]);
+        const int c_low = faint(s, w[0], w[1], w[2], w[2] + 1), c_high = faint(s, w[0], w[1], w[3] - 1, w[3]);
+        const int fold_b = w[1] - w[0] > b_low + b_high, fold_c = w[3] - w[2] > c_low + c_high;
+        if (!((b_low || b_high) && fold_b) && !((c_low || c_high) && fold_c)) return;
+        if (fold_b && b_low) { fold_row(s, w[0], w[0] + 1); w[0]++; }
+        if (fold_b && b_high) { fold_row(s, w[1] - 1, w[1] - 2); w[1]--; }
+        if (fold_c && c_low) { fold_column(s, w[2], w[2] + 1); w[2]++; }
+        if (fold_c && c_high) { fold_column(s, w[3] - 1, w[3] - 2); w[3]--; }
+    }
+}
+
+static double flux_sum(const Sweep *s, int64_t b0, int64_t b1, int64_t c0, int64_t c1) {
+    double sum = 0.0;
+    for (int64_t b = b0; b < b1; b++) sum += row_sum(flux_at(s, b, c0), c1 - c0);
+    return sum;
+}
+
+// One edge row (side 0) or column (side 1) that lies outside the plane: at an open border it leaves and is counted, at a
+// wall it is turned back onto its neighbour. A window one voxel wide has no neighbour: it is moved as a whole.
+static void bring_back(Sweep *s, int side, int at_high) {
+    int64_t *low = &s->window[2 * side], *high = &s->window[2 * side + 1];
+    const int64_t edge = at_high ? *high - 1 : *low, inward = at_high ? edge - 1 : edge + 1;
+    if (s->border == OPEN) {
+        s->mass_out += side ? flux_sum(s, s->window[0], s->window[1], edge, edge + 1)
+                            : flux_sum(s, edge, edge + 1, s->window[2], s->window[3]);
+    } else if (*high - *low == 1) {
+        s->origin[side] += inward - edge;
+        *low = inward;
+        *high = inward + 1;
+        return;
+    } else if (side) {
+        fold_column(s, edge, inward);
+    } else {
+        fold_row(s, edge, inward);
+    }
+    if (at_high) --*high;
+    else ++*low;
+}
+
+static void apply_border(Sweep *s, const Frame *f) {
+    for (int side = 0; side < 2; side++) {
+        const int64_t *low = &s->window[2 * side], *high = &s->window[2 * side + 1];
+        while (*low < *high && *low < 0) bring_back(s, side, 0);
+        while (*low < *high && *high > f->n[1 + side]) bring_back(s, side, 1);
+    }
+}
+
+static int64_t ask_growth(Sweep *s, const Frame *f, int below_a, int above_a) {
+    const int64_t *w = s->window;
+    const int64_t asked[6] = {below_a, above_a, w[0] < 0, w[1] > f->n[1], w[2] < 0, w[3] > f->n[2]};
+    int any = 0;
+    for (int i = 0; i < 3; i++) {
+        s->needs[2 * f->axis[i]] = asked[2 * i] ? BRICK : 0;
+        s->needs[2 * f->axis[i] + 1] = asked[2 * i + 1] ? BRICK : 0;
+        any |= asked[2 * i] || asked[2 * i + 1];
+    }
+    return any;
+}
+
+// What has gone farther along u than the band lets it is surplus.
+static void stop_at_band(Sweep *s, const Frame *f) {
+    const double ua = s->direction[f->axis[0]], ub = s->direction[f->axis[1]], uc = s->direction[f->axis[2]];
+    const int64_t *w = s->window;
+    const double ahead = ua * ((double)s->plane - f->centre[0]);
+    const double farthest = ahead + fmax(ub * ((double)w[0] - f->centre[1]), ub * ((double)(w[1] - 1) - f->centre[1])) +
+                            fmax(uc * ((double)w[2] - f->centre[2]), uc * ((double)(w[3] - 1) - f->centre[2]));
+    if (farthest <= s->limit) return;
+    for (int64_t b = w[0]; b < w[1]; b++) {
+        const double row = ahead + ub * ((double)b - f->centre[1]);
+        for (int64_t c = w[2]; c < w[3]; c++) {
+            float *flux = flux_at(s, b, c);
+            if (*flux > 0.0f && row + uc * ((double)c - f->centre[2]) > s->limit) {
+                s->surplus += (double)*flux;
+                *flux = 0.0f;
+            }
+        }
+    }
+}
+
+static uint32_t any_bits(const float *v, int64_t n) { // of numbers >= 0: not zero when any of them is not
+    uint32_t bits = 0;
+    for (int64_t k = 0; k < n; k++) {
+        uint32_t word;
+        memcpy(&word, v + k, sizeof word);
+        bits |= word;
+    }
+    return bits;
+}
+
+// deposit = min(flux, 1 - d) in a stretch of a row; true when anything was laid down. d and flux begin at its start.
+static int deposit(float *restrict d, float *restrict flux, int64_t n, float *restrict laid) {
+    for (int64_t k = 0; k < n; k++) {
+        const float room = 1.0f - d[k];
+        laid[k] = flux[k] < room ? flux[k] : room;
+    }
+    return any_bits(laid, n) != 0;
+}
+
+// Lay it down; returns the mass that the row gained, rounding included.
+static double lay_down(float *restrict d, float *restrict flux, int64_t n, const float *restrict laid) {
+    const double former = row_sum(d, n);
+    for (int64_t k = 0; k < n; k++) {
+        d[k] += laid[k];
+        flux[k] -= laid[k];
+    }
+    return row_sum(d, n) - former;
+}
+
+static double reach_gain(const Frame *f, double x, double y, const float *laid, int64_t first, int64_t last) {
+    Span span = row_span(&f->surroundings, x, y, f->centre[2], f->n[2]);
+    span.low = within(span.low, first, last);
+    span.high = within(span.high, span.low, last);
+    span.full_low = within(span.full_low, span.low, span.high);
+    span.full_high = within(span.full_high, span.full_low, span.high);
+    return covered_sum(&f->surroundings, x, y, f->centre[2], span, laid, first);
+}
+
+// Fill what room this plane has outside the tool. Returns whether any flux is left.
+static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
+    const int64_t *w = s->window;
+    const double x = (double)s->plane - f->centre[0];
+    const int in_tool = fabs(x) < extent(&f->volume, 0) + 0.5, in_reach = fabs(x) < extent(&f->surroundings, 0) + 0.5;
+    uint32_t left = 0;
+    if (f->stride[2] != 1 && !slab_holds(slab, w, s->plane)) load_slab(g, f, s, slab, s->plane);
+    for (int64_t b = w[0]; b < w[1]; b++) {
+        const double y = (double)b - f->centre[1];
+        float *d = f->stride[2] == 1 ? g->density + s->plane * f->stride[0] + b * f->stride[1] : slab_row(s, slab, s->plane, b);
+        Span tool = {w[2], w[2], 0, 0};
+        if (in_tool) tool = row_span(&f->volume, x, y, f->centre[2], f->n[2]);
+        if (tool.low >= tool.high) tool.low = tool.high = w[2];
+        const int64_t stretches[2][2] = {{w[2], least(tool.low, w[3])}, {most(tool.high, w[2]), w[3]}};
+        for (int side = 0; side < 2; side++) {
+            const int64_t c0 = stretches[side][0], c1 = stretches[side][1];
+            if (c0 >= c1 || !deposit(d + c0, flux_at(s, b, c0), c1 - c0, s->row)) continue;
+            if (f->stride[2] == 1) {
+                int64_t low[3], high[3];
+                const int64_t from[3] = {s->plane, b, c0}, to[3] = {s->plane + 1, b + 1, c1};
+                for (int i = 0; i < 3; i++) {
+                    low[f->axis[i]] = from[i];
+                    high[f->axis[i]] = to[i];
+                }
+                keep_box(g, low[0], high[0], low[1], high[1], low[2], high[2]);
+                mark_dirty(s->dirty, low[0], high[0], low[1], high[1], low[2], high[2]);
+            } else {
+                slab->dirty_b0 = least(slab->dirty_b0, b);
+                slab->dirty_b1 = most(slab->dirty_b1, b + 1);
+                slab->dirty_c0 = least(slab->dirty_c0, c0);
+                slab->dirty_c1 = most(slab->dirty_c1, c1);
+                mark_dirty(s->dirty, b, b + 1, c0, c1, s->plane, s->plane + 1);
+            }
+            s->laid += lay_down(d + c0, flux_at(s, b, c0), c1 - c0, s->row);
+            if (in_reach) s->reach_gain += reach_gain(f, x, y, s->row, c0, c1);
+        }
+        left |= any_bits(flux_at(s, b, w[2]), w[3] - w[2]);
+    }
+    return left != 0;
+}
+
+// Carry the emptied mass plane by plane along the dominant axis, from the tool's rear (DESIGN 2, Dispersion).
+// Returns DONE, or NEEDS_GROWTH when mass stands at a growing border: then grow the grid, move the indices, call again.
+EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s) {
+    const Frame f = frame_of(g, t, e->axis);
+    const int64_t step = s->direction[f.axis[0]] < 0.0 ? -1 : 1;
+    const int64_t last_source = step > 0 ? e->last[0] - 1 : e->first[0];
+    Slab slab = {0};
+    for (;; s->plane += step) {
+        const int sources = s->plane >= e->first[0] && s->plane < e->last[0];
+        const int sources_ahead = (last_source - s->plane) * step >= 0;
+        if (!s->spread_done) {
+            if (s->window[0] >= s->window[1] && !sources_ahead) break;
+            if (s->plane < 0 || s->plane >= f.n[0]) {
+                const double left = flux_sum(s, s->window[0], s->window[1], s->window[2], s->window[3]);
+                if (s->border == GROW && left > (double)NEGLIGIBLE && ask_growth(s, &f, step < 0, step > 0)) {
+                    flush_slab(g, &f, s, &slab);
+                    return NEEDS_GROWTH;
+                }
+                if (s->border == OPEN) s->mass_out += left;
+                else s->surplus += left;
+                break;
+            }
+            if (s->window[0] >= s->window[1] && !sources) continue;
+            spread(s, e, sources);
+            if (sources) add_sources(s, e);
+            trim(s);
+            s->spread_done = 1;
+        }
+        if (s->border == GROW && ask_growth(s, &f, 0, 0)) {
+            flush_slab(g, &f, s, &slab);
+            return NEEDS_GROWTH;
+        }
+        apply_border(s, &f);
+        s->spread_done = 0;
+        s->planes++;
+        if (s->window[0] >= s->window[1] || s->window[2] >= s->window[3]) {
+            s->window[1] = s->window[0];
+            continue;
+        }
+        s->visited += (s->window[1] - s->window[0]) * (s->window[3] - s->window[2]);
+        if (s->limit < INFINITY) stop_at_band(s, &f);
+        if (!fill_plane(g, &f, s, &slab)) s->window[1] = s->window[0];
+    }
+    flush_slab(g, &f, s, &slab);
+    return DONE;
+}
+
+// ---- the rim (facts/rim.md) -----------------------------------------------------------------------------------------
+
+static int64_t cluster_of(double x, double side) {
+    const int64_t steps = (int64_t)floor(fabs(x) / side + 0.5), middle = CLUSTERS / 2;
+    return within(x < 0.0 ? middle - steps : middle + steps, 0, CLUSTERS - 1);
+}
+
+// Cluster the emptied material into points, and measure a = sqrt(2 variance across u), the radius of a disc that spreads
+// as far.
+EXPORT void repousse_rim_sources(const Grid *g, const Tool *t, const Emptied *e, const double u[3], Sources *out) {
+    double bins[MAX_POINTS][4], mass = 0.0, mean[3] = {0.0, 0.0, 0.0}, second = 0.0;
+    const Frame f = frame_of(g, t, e->axis);
+    const double side = fmax(fmax(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2)) / CLUSTERS_IN_RADIUS;
+    memset(bins, 0, sizeof bins);
+    for (int64_t a = e->first[0]; a < e->last[0]; a++)
+        for (int64_t b = e->first[1]; b < e->last[1]; b++)
+            for (int64_t c = e->first[2]; c < e->last[2]; c++) {
+                const double m = (double)*emptied_at(e, a, b, c);
+                if (m <= 0.0) continue;
+                double at[3], along = 0.0;
+                at[f.axis[0]] = (double)a - f.centre[0];
+                at[f.axis[1]] = (double)b - f.centre[1];
+                at[f.axis[2]] = (double)c - f.centre[2];
+                double *bin = bins[(cluster_of(at[0], side) * CLUSTERS + cluster_of(at[1], side)) * CLUSTERS + cluster_of(at[2], side)];
+                bin[0] += m;
+                for (int i = 0; i < 3; i++) {
+                    bin[1 + i] += m * at[i];
+                    along += at[i] * u[i];
+                }
+                mass += m;
+                for (int i = 0; i < 3; i++) {
+                    const double across = at[i] - along * u[i];
+                    mean[i] += m * across;
+                    second += m * across * across;
+                }
+            }
+    out->count = 0;
+    for (int64_t i = 0; i < MAX_POINTS; i++) {
+        if (bins[i][0] <= 0.0) continue;
+        out->mass[out->count] = bins[i][0];
+        out->x[out->count] = t->centre[0] + bins[i][1] / bins[i][0];
+        out->y[out->count] = t->centre[1] + bins[i][2] / bins[i][0];
+        out->z[out->count++] = t->centre[2] + bins[i][3] / bins[i][0];
+    }
+    const double spread2 = mass > 0.0 ? second / mass - (mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]) / (mass * mass) : 0.0;
+    out->contact_radius = sqrt(fmax(2.0 * spread2, 0.0));
+}
+
+typedef struct {
+    float x[MAX_POINTS + LANES], y[MAX_POINTS + LANES], z[MAX_POINTS + LANES], mass[MAX_POINTS + LANES];
+    int64_t padded;
+    double centre[3], low[3], high[3];
+} Points;
+
+static Points points_of(const Sources *s) {
+    Points p = {.padded = (s->count + LANES - 1) / LANES * LANES};
+    double total = 0.0;
+    for (int i = 0; i < 3; i++) {
+        p.low[i] = INFINITY;
+        p.high[i] = -INFINITY;
+        p.centre[i] = 0.0;
+    }
+    for (int64_t q = 0; q < s->count; q++) {
+        const double at[3] = {s->x[q], s->y[q], s->z[q]};
+        p.x[q] = (float)at[0];
+        p.y[q] = (float)at[1];
+        p.z[q] = (float)at[2];
+        p.mass[q] = (float)s->mass[q];
+        total += s->mass[q];
+        for (int i = 0; i < 3; i++) {
+            p.centre[i] += s->mass[q] * at[i];
+            p.low[i] = fmin(p.low[i], at[i]);
+            p.high[i] = fmax(p.high[i], at[i]);
+        }
+    }
+    for (int i = 0; i < 3; i++) p.centre[i] /= total;
+    return p;
+}
+
+// sum over the sources of e max(0, 1 - |x - x_s| / L)
+static float hat_sum(const Points *p, double length, int64_t i, int64_t j, int64_t k) {
+    const float x = (float)i, y = (float)j, z = (float)k, inverse = (float)(1.0 / length);
+    float lanes[LANES] = {0.0f};
+    for (int64_t q = 0; q < p->padded; q += LANES)
+        for (int l = 0; l < LANES; l++) {
+            const float dx = x - p->x[q + l], dy = y - p->y[q + l], dz = z - p->z[q + l];
+            const float hat = 1.0f - sqrtf(dx * dx + dy * dy + dz * dz) * inverse;
+            lanes[l] += p->mass[q + l] * (hat > 0.0f ? hat : 0.0f);
+        }
+    float sum = 0.0f;
+    for (int l = 0; l < LANES; l++) sum += lanes[l];
+    return sum;
+}
+
+static float density_at(const Grid *g, int64_t i, int64_t j, int64_t k) {
+    if (i < 0 || j < 0 || k < 0 || i >= g->shape[0] || j >= g->shape[1] || k >= g->shape[2]) return 0.0f;
+    return g->density[(i * g->shape[1] + j) * g->shape[2] + k];
+}
+
+static const int64_t neighbours[6][3] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+
+// Room that the tool leaves in a voxel, cap = 1 - w; 1 far from it.
+static double capacity(const Tool *t, int64_t i, int64_t j, int64_t k) {
+    return 1.0 - coverage(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
+}
+
+// How many of a voxel's six neighbours are full: only beside those does material rise.
+static int full_neighbours(const Grid *g, const Tool *t, int near, int64_t i, int64_t j, int64_t k) {
+    int full = 0;
+    for (int q = 0; q < 6; q++) {
+        const int64_t x = i + neighbours[q][0], y = j + neighbours[q][1], z = k + neighbours[q][2];
+        const double cap = near ? capacity(t, x, y, z) : 1.0;
+        full += cap >= 0.5 && (double)density_at(g, x, y, z) >= cap - (double)NEARLY_FULL;
+    }
+    return full;
+}
+
+// The tool's wake: where it came from, out to `wake` voxels behind it. Nothing falls in there.
+static int in_wake(const Tool *t, const double u[3], double wake, double x, double y, double z) {
+    const double behind = fmin(-(x * u[0] + y * u[1] + z * u[2]), wake);
+    if (behind <= 0.0) return 0;
+    return distance(&t->volume, x + behind * u[0], y + behind * u[1], z + behind * u[2]) < 0.5;
+}
+
+// Whether material joins a voxel of the surface to the sources: the line from just inside it must not cross air.
+static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, int64_t j, int64_t k) {
+    double inward[3], from[3], way[3], length2 = 0.0, norm2 = 0.0;
+    const int64_t at[3] = {i, j, k};
+    for (int a = 0; a < 3; a++) {
+        const int64_t *up = neighbours[2 * a], *down = neighbours[2 * a + 1];
+        inward[a] = (double)density_at(g, i + up[0], j + up[1], k + up[2]) - (double)density_at(g, i + down[0], j + down[1], k + down[2]);
+        norm2 += inward[a] * inward[a];
+    }
+    const double norm = fmax(sqrt(norm2), 1e-6);
+    for (int a = 0; a < 3; a++) {
+        from[a] = (double)at[a] + SIGHT_STEP * inward[a] / norm;
+        way[a] = to[a] - from[a];
+        length2 += way[a] * way[a];
+    }
+    const double length = sqrt(length2);
+    const int64_t samples = (int64_t)(length / SIGHT_STEP);
+    for (int64_t q = 0; q < samples; q++) {
+        const double part = (double)q * SIGHT_STEP / length;
+        const double x = from[0] + part * way[0], y = from[1] + part * way[1], z = from[2] + part * way[2];
+        const float d = density_at(g, (int64_t)floor(x + 0.5), (int64_t)floor(y + 0.5), (int64_t)floor(z + 0.5));
+        if (d < SIGHT_AIR && distance(&t->volume, x - t->centre[0], y - t->centre[1], z - t->centre[2]) > 1.0) return 0;
+    }
+    return 1;
+}
+
+// Mark the voxels of a row that are not full and have a neighbour that may be.
+static void mark_surface(const Grid *g, const Rim *r, int64_t i, int64_t j, int64_t k0, int64_t k1) {
+    const int64_t n = g->shape[2], plane = g->shape[1] * n;
+    const float *d = g->density + i * plane + j * n;
+    const float *above = i + 1 < g->shape[0] ? d + plane : r->zeros, *below = i > 0 ? d - plane : r->zeros;
+    const float *right = j + 1 < g->shape[1] ? d + n : r->zeros, *left = j > 0 ? d - n : r->zeros;
+    const float full = 1.0f - NEARLY_FULL, half = 0.49f;
+    const int64_t inner0 = most(k0, 1), inner1 = least(k1, n - 1);
+    uint8_t *restrict marks = r->marks;
+    for (int64_t k = inner0; k < inner1; k++)
+        marks[k] = (uint8_t)((d[k] < full) & ((above[k] >= half) | (below[k] >= half) | (right[k] >= half) | (left[k] >= half) |
+                                              (d[k - 1] >= half) | (d[k + 1] >= half)));
+    if (k0 == 0) marks[0] = 1; // the ends of the grid are few: let the exact test decide
+    if (k1 == n) marks[n - 1] = 1;
+}
+
+// Collect the free surface around the contact, with W = (full neighbours) x (sum of hats of radius `length`).
+EXPORT int64_t repousse_rim_gather(const Grid *g, const Tool *t, const Sources *s, double length, Rim *r) {
+    const Points p = points_of(s);
+    int64_t low[3], high[3];
+    r->count = 0;
+    for (int a = 0; a < 3; a++) {
+        low[a] = most(0, (int64_t)ceil(clamp(p.low[a] - length, 0.0, (double)g->shape[a])));
+        high[a] = least(g->shape[a], (int64_t)floor(clamp(p.high[a] + length, -1.0, (double)g->shape[a])) + 1);
+    }
+    for (int64_t i = low[0]; i < high[0]; i++)
+        for (int64_t j = low[1]; j < high[1]; j++) {
+            const int64_t row = (i * g->shape[1] + j) * g->shape[2];
+            mark_surface(g, r, i, j, low[2], high[2]);
+            for (int64_t k = low[2]; k < high[2]; k++) {
+                if (!r->marks[k]) continue;
+                const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
+                const double far = distance(&t->volume, x, y, z);
+                if (1.0 - coverage_at(far) - (double)g->density[row + k] <= (double)NEARLY_FULL) continue;
+                const int full = full_neighbours(g, t, far < 1.6, i, j, k);
+                if (!full || in_wake(t, r->direction, r->wake, x, y, z)) continue;
+                const float weight = hat_sum(&p, length, i, j, k);
+                if (weight <= 0.0f || !joined(g, t, p.centre, i, j, k)) continue;
+                if (r->count == r->capacity) return LIST_FULL;
+                r->index[r->count] = row + k;
+                r->weight[r->count++] = weight * (float)full;
+            }
+        }
+    return DONE;
+}
+
+static double room_at(const Grid *g, const Tool *t, int64_t i, int64_t j, int64_t k) {
+    return capacity(t, i, j, k) - (double)density_at(g, i, j, k);
+}
+
+// A bit for each of the six neighbours, inside the grid, that has room.
+static int64_t open_neighbours(const Grid *g, const Tool *t, int64_t i, int64_t j, int64_t k) {
+    int64_t bits = 0;
+    for (int n = 0; n < 6; n++) {
+        const int64_t x = i + neighbours[n][0], y = j + neighbours[n][1], z = k + neighbours[n][2];
+        const int outside = x < 0 || y < 0 || z < 0 || x >= g->shape[0] || y >= g->shape[1] || z >= g->shape[2];
+        if (!outside && room_at(g, t, x, y, z) > (double)NEARLY_FULL) bits |= 1 << n;
+    }
+    return bits;
+}
+
+// Raise a voxel; returns what it gained, rounding included.
+static double raise_voxel(Grid *g, Rim *r, int64_t i, int64_t j, int64_t k, double amount) {
+    float *d = g->density + (i * g->shape[1] + j) * g->shape[2] + k;
+    const double former = (double)*d;
+    keep_box(g, i, i + 1, j, j + 1, k, k + 1);
+    mark_dirty(r->dirty, i, i + 1, j, j + 1, k, k + 1);
+    *d = (float)(former + amount);
+    return (double)*d - former;
+}
+
+// Lay `amount` on the gathered surface by weight; what a voxel cannot hold goes once, in equal shares, to its neighbours
+// with room. Returns what is left.
+EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) {
+    double total = 0.0, left = amount;
+    int64_t spilling = 0;
+    for (int64_t q = 0; q < r->count; q++) total += (double)r->weight[q];
+    if (total <= 0.0) return amount;
+    const double each = amount / total;
+    for (int64_t q = 0; q < r->count; q++) {
+        const int64_t at = r->index[q], k = at % g->shape[2], j = at / g->shape[2] % g->shape[1], i = at / g->shape[2] / g->shape[1];
+        const double share = each * (double)r->weight[q], room = fmax(room_at(g, t, i, j, k), 0.0);
+        const double laid = fmin(share, room);
+        left -= raise_voxel(g, r, i, j, k, laid);
+        if (share > laid) { // reuse the front of the list for the voxels that spill
+            r->index[spilling] = at;
+            r->weight[spilling++] = (float)(share - laid);
+        }
+    }
+    for (int64_t q = 0; q < spilling; q++) { // choose all before moving any
+        const int64_t at = r->index[q], k = at % g->shape[2], j = at / g->shape[2] % g->shape[1], i = at / g->shape[2] / g->shape[1];
+        r->index[q] = at << 6 | open_neighbours(g, t, i, j, k);
+    }
+    for (int64_t q = 0; q < spilling; q++) {
+        const int64_t at = r->index[q] >> 6, k = at % g->shape[2], j = at / g->shape[2] % g->shape[1], i = at / g->shape[2] / g->shape[1];
+        int open = 0;
+        for (int n = 0; n < 6; n++) open += r->index[q] >> n & 1;
+        for (int n = 0; n < 6; n++) {
+            if (!(r->index[q] >> n & 1)) continue;
+            const int64_t x = i + neighbours[n][0], y = j + neighbours[n][1], z = k + neighbours[n][2];
+            const double laid = fmin((double)r->weight[q] / open, fmax(room_at(g, t, x, y, z), 0.0));
+            left -= raise_voxel(g, r, x, y, z, laid);
+        }
+    }
+    return left;
+}
+
+// ---- the paper's recursion, literally (core/recursion.py) -----------------------------------------------------------
+
+typedef struct {
+    const int64_t *voxels; // the tool's voxels, innermost first
+    int64_t count;
+    int64_t offsets[78];
+    double weights[26];
+    int64_t forward, wall, budget, calls;
+    double kappa, relaxed, smallest, emptied, mass_out, aside;
+} Recursion;
+
+// M_t and M_s follow what one voxel gained.
+static void account(const Tool *t, Estimate *m, int64_t i, int64_t j, int64_t k, double gained) {
+    const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
+    const double inside = coverage(&t->volume, x, y, z);
+    m->tool_mass += inside * gained;
+    m->reach_mass += (coverage(&t->surroundings, x, y, z) - inside) * gained;
+}
+
+static void pass_on(Grid *g, const Tool *t, Estimate *m, Recursion *r, int64_t i, int64_t j, int64_t k, double amount) {
+    r->calls++;
+    for (int64_t q = 0; q < r->forward && r->calls <= r->budget; q++) {
+        const double share = amount * r->weights[q];
+        const int64_t x = i + r->offsets[3 * q], y = j + r->offsets[3 * q + 1], z = k + r->offsets[3 * q + 2];
+        if (x < 0 || y < 0 || z < 0 || x >= g->shape[0] || y >= g->shape[1] || z >= g->shape[2]) {
+            if (r->wall) r->aside += share;
+            else r->mass_out += share;
+            continue;
+        }
+        float *d = g->density + (x * g->shape[1] + y) * g->shape[2] + z;
+        const double former = (double)*d;
+        *d = (float)(former + fmin(share, 1.0 - former));
+        const double taken = (double)*d - former;
+        account(t, m, x, y, z, taken);
+        if (share - taken > r->smallest) pass_on(g, t, m, r, x, y, z, share - taken);
+        else r->aside += share - taken;
+    }
+}
+
+EXPORT void repousse_recursive(Grid *g, const Tool *t, Estimate *m, Recursion *r) {
+    for (int64_t q = 0; q < r->count && r->calls <= r->budget; q++) {
+        if (!(m->tool_mass > r->kappa * m->reach_mass * (1.0 + r->relaxed))) break;
+        const int64_t at = r->voxels[q], k = at % g->shape[2], j = at / g->shape[2] % g->shape[1], i = at / g->shape[2] / g->shape[1];
+        const double w = coverage(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
+        const double former = (double)g->density[at];
+        g->density[at] = (float)(former - w * former);
+        const double taken = former - (double)g->density[at];
+        account(t, m, i, j, k, -taken);
+        r->emptied += taken;
+        pass_on(g, t, m, r, i, j, k, taken);
+    }
+}

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The memory that a push works in: the structures of kernels.c, field by field, and the scratch that they point to.
+
+The numpy twins read and write the same structures, so that either kind of kernel can go on where the other stopped.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import POINTER, Structure, c_double, c_float, c_int64, c_uint8
+from math import ceil, floor
+
+import numpy as np
+
+from ..grid import BRICK, Box
+from ..tool import Shape, Tool
+from . import library
+
+ORDERS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
+"""For each dominant axis, the axes in the order (a, b, c): swept along a, in rows along c."""
+
+CLUSTERS = 9
+MAX_POINTS = CLUSTERS**3
+SLAB_PLANES = 16
+DONE, NEEDS_GROWTH, LIST_FULL = 0, 1, 2
+BORDERS = ("grow", "wall", "open")
+GROW, WALL, OPEN = 0, 1, 2
+
+_FAR = np.iinfo(np.int64).max
+
+
+class ShapeState(Structure):
+    _fields_ = [("half_size", c_double * 3), ("half_axis", c_double * 3), ("radius", c_double)]
+
+
+class ToolState(Structure):
+    _fields_ = [("volume", ShapeState), ("surroundings", ShapeState), ("centre", c_double * 3)]
+
+
+class GridState(Structure):
+    _fields_ = [
+        ("density", POINTER(c_float)),
+        ("shape", c_int64 * 3),
+        ("kept", POINTER(c_uint8)),
+        ("images", POINTER(c_float)),
+        ("bricks", POINTER(c_int64)),
+        ("kept_count", POINTER(c_int64)),
+    ]
+
+
+class Estimate(Structure):
+    """M_t, M_s in voxels' worth, and grad M_t in voxels' worth per voxel of the tool's travel."""
+
+    _fields_ = [("tool_mass", c_double), ("reach_mass", c_double), ("gradient", c_double * 3)]
+
+
+class Emptied(Structure):
+    _fields_ = [
+        ("axis", c_int64),
+        ("buffer", POINTER(c_float)),
+        ("low", c_int64 * 3),
+        ("n", c_int64 * 3),
+        ("first", c_int64 * 3),
+        ("last", c_int64 * 3),
+        ("mass", c_double),
+        ("tool_loss", c_double),
+        ("reach_loss", c_double),
+        ("carry", c_double),
+    ]
+
+
+class Sweep(Structure):
+    _fields_ = [
+        ("direction", c_double * 3),
+        ("limit", c_double),
+        ("weights", c_float * 9),
+        ("shift", c_int64 * 2),
+        ("border", c_int64),
+        ("flux", POINTER(c_float)),
+        ("next", POINTER(c_float)),
+        ("row", POINTER(c_float)),
+        ("slab", POINTER(c_float)),
+        ("window", c_int64 * 4),
+        ("origin", c_int64 * 2),
+        ("stride", c_int64),
+        ("plane", c_int64),
+        ("spread_done", c_int64),
+        ("needs", c_int64 * 6),
+        ("laid", c_double),
+        ("reach_gain", c_double),
+        ("mass_out", c_double),
+        ("surplus", c_double),
+        ("planes", c_int64),
+        ("visited", c_int64),
+        ("dirty", c_int64 * 6),
+    ]
+
+
+class Sources(Structure):
+    _fields_ = [
+        ("x", c_double * MAX_POINTS),
+        ("y", c_double * MAX_POINTS),
+        ("z", c_double * MAX_POINTS),
+        ("mass", c_double * MAX_POINTS),
+        ("count", c_int64),
+        ("contact_radius", c_double),
+    ]
+
+
+class Rim(Structure):
+    _fields_ = [
+        ("index", POINTER(c_int64)),
+        ("weight", POINTER(c_float)),
+        ("capacity", c_int64),
+        ("count", c_int64),
+        ("marks", POINTER(c_uint8)),
+        ("zeros", POINTER(c_float)),
+        ("direction", c_double * 3),
+        ("wake", c_double),
+        ("dirty", c_int64 * 6),
+    ]
+
+
+def pointer(array: np.ndarray, kind: type):
+    """A ctypes pointer to an array's memory; the caller keeps the array."""
+    return array.ctypes.data_as(POINTER(kind))
+
+
+def shape_state(shape: Shape) -> ShapeState:
+    return ShapeState((c_double * 3)(*shape.half_size), (c_double * 3)(*shape.half_axis), shape.radius)
+
+
+def no_box() -> tuple[int, ...]:
+    """An empty dirty box: what `mark_dirty` in kernels.c starts from."""
+    return (_FAR, _FAR, _FAR, -_FAR, -_FAR, -_FAR)
+
+
+def box_from(dirty) -> Box | None:
+    """A dirty box as Python has it, or None when nothing was written."""
+    low, high = tuple(dirty[:3]), tuple(dirty[3:])
+    return (low, high) if low[0] < high[0] else None
+
+
+class Workspace:
+    """One grid, one tool, and all scratch of a push; allocated once, so that a step allocates nothing.
+
+    Attributes are the structures above: ``grid``, ``tool``, ``estimate``, ``emptied``, ``sweep``, ``sources``, ``rim``;
+    ``density`` and ``buffer`` are the arrays behind them, and ``flux`` is the numpy twin's flux of the running sweep.
+    """
+
+    def __init__(self, density: np.ndarray) -> None:
+        self.library = library()
+        self.grid, self.tool, self.estimate = GridState(), ToolState(), Estimate()
+        self.emptied, self.sweep, self.sources, self.rim = Emptied(), Sweep(), Sources(), Rim()
+        self.flux = np.zeros((0, 0), np.float32)
+        self.history = None
+        self._fluxes: list[np.ndarray] = []
+        self.attach(density)
+
+    def attach(self, density: np.ndarray) -> None:
+        """Work on this array from now on; a flux that is under way is carried over."""
+        self.density = density
+        self.grid.density = pointer(density, c_float)
+        self.grid.shape[:] = density.shape
+        nx, ny, nz = density.shape
+        cells = (max(nx, ny) + 4) * (max(ny, nz) + 4)
+        under_way = self._fluxes
+        self._fluxes = [np.empty(cells, np.float32), np.empty(cells, np.float32)]
+        for old in under_way:
+            if old.ctypes.data == ctypes.addressof(self.sweep.flux.contents):
+                self._fluxes[0][: old.size] = old
+        self.sweep.flux, self.sweep.next = (pointer(flux, c_float) for flux in self._fluxes)
+        self._row = np.empty(max(density.shape) + 8, np.float32)
+        self._slab = np.empty(SLAB_PLANES * nx * ny, np.float32)
+        self.sweep.row, self.sweep.slab = pointer(self._row, c_float), pointer(self._slab, c_float)
+        self._marks = np.zeros(nz, np.uint8)
+        self._zeros = np.zeros(nz, np.float32)
+        self.rim.marks, self.rim.zeros = pointer(self._marks, c_uint8), pointer(self._zeros, c_float)
+
+    def keep(self, low, high) -> None:
+        """Copy the bricks of a box before it is written for the first time, if anyone asked for before-images."""
+        if self.history is not None:
+            self.history.keep(low, high)
+
+    def take_up(self, tool: Tool) -> None:
+        """Work with this tool from now on."""
+        self.volume, self.surroundings = tool.volume, tool.surroundings
+        self.tool.volume, self.tool.surroundings = shape_state(self.volume), shape_state(self.surroundings)
+        self._half_box = tuple(int(ceil(e + 0.5)) for e in self.volume.extent)
+        self.buffer = np.zeros(int(np.prod([2 * h + 3 for h in self._half_box])), np.float32)
+        self.emptied.buffer = pointer(self.buffer, c_float)
+        self.emptied.first[:], self.emptied.last[:] = (0, 0, 0), (0, 0, 0)
+
+    def lay_box(self, axis: int) -> None:
+        """Lay the box of `emptied` around the tool, in the order of a push along ``axis``."""
+        self.emptied.axis = axis
+        for slot, a in enumerate(ORDERS[axis]):
+            self.emptied.low[slot] = floor(self.tool.centre[a]) - self._half_box[a] - 1
+            self.emptied.n[slot] = 2 * self._half_box[a] + 3
+
+    @property
+    def emptied_box(self) -> np.ndarray:
+        """The box of `emptied` as an array in (a, b, c) order, a view."""
+        return self.buffer[: int(np.prod(self.emptied.n[:]))].reshape(self.emptied.n[:])
+
+    def reserve_rim(self, capacity: int) -> None:
+        """Make the rim's list hold ``capacity`` voxels."""
+        self._index = np.empty(capacity, np.int64)
+        self._weight = np.empty(capacity, np.float32)
+        self.rim.index, self.rim.weight = pointer(self._index, c_int64), pointer(self._weight, c_float)
+        self.rim.capacity = capacity
+
+    @property
+    def rim_list(self) -> tuple[np.ndarray, np.ndarray]:
+        """Flat indices (int64) and weights (float32) of the rim's list, views of its whole capacity."""
+        return self._index, self._weight
+
+    def moved(self, below: tuple[int, int, int]) -> None:
+        """The grid has grown by ``below`` voxels before its first ones: all indices that are under way follow."""
+        order = ORDERS[self.emptied.axis]
+        for a in range(3):
+            self.tool.centre[a] += below[a]
+        for slot, a in enumerate(order):
+            self.emptied.low[slot] += below[a]
+            self.emptied.first[slot] += below[a]
+            self.emptied.last[slot] += below[a]
+        self.sweep.plane += below[order[0]]
+        for side in range(2):
+            shift = below[order[1 + side]]
+            self.sweep.origin[side] += shift
+            self.sweep.window[2 * side] += shift
+            self.sweep.window[2 * side + 1] += shift
+        for dirty in (self.sweep.dirty, self.rim.dirty):
+            for a in range(3):
+                if dirty[a] < dirty[3 + a]:
+                    dirty[a] += below[a]
+                    dirty[3 + a] += below[a]
+
+
+assert BRICK == 8, "kernels.c has the edge of a brick as a constant"

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The constitutive law: what is estimated around the tool, and which of the four regimes it means (paper 3.1 and 6)."""
+
+from __future__ import annotations
+
+from ctypes import byref
+from enum import Enum
+
+import numpy as np
+
+from .native.state import Workspace
+from .tool import Shape
+
+RELAXED = 2e-3
+"""Share of the yield stress by which the stress may exceed it and still count as equal: a tool at rest does not creep,
+and a stress that is corrected by less than this is corrected for nothing a hand can feel (its threshold is 8 %)."""
+
+FADE = 1.0
+"""|grad M_t| in voxels' worth per voxel below which the contact normal fades: in uniform surroundings it does not flip."""
+
+
+class Regime(Enum):
+    """The four states of the material under the tool (paper figure 3)."""
+
+    NONE = "none"
+    ELASTIC = "elastic"
+    PLASTIC = "plastic"
+    UNLOADING = "unloading"
+
+
+def overloaded(stress: float, yield_stress: float) -> bool:
+    """sigma > sigma_f: density has to move until they are equal (paper 7)."""
+    return stress > yield_stress * (1.0 + RELAXED)
+
+
+def regime_of(stress: float, dispersed: bool, former_stress: float, former: Regime) -> Regime:
+    """The regime after a move, from the stress before it and whether density moved (paper equations 1 to 3)."""
+    if dispersed:
+        return Regime.PLASTIC
+    if stress <= 0.0:
+        return Regime.NONE
+    if stress == former_stress and former is not Regime.NONE:
+        return Regime.UNLOADING if former is Regime.UNLOADING else Regime.ELASTIC
+    return Regime.UNLOADING if stress < former_stress else Regime.ELASTIC
+
+
+def contact_normal(gradient: np.ndarray) -> np.ndarray:
+    """Outward normal -g / max(|g|, g0) of the contact: shape (3,), shorter than 1 where the surroundings are uniform."""
+    return -gradient / max(float(np.sqrt(gradient @ gradient)), FADE)
+
+
+def felt_force(stress: float, yield_stress: float, normal: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
+    """The force on the hand in newtons, shape (3,): min(sigma, sigma_f), along the outward normal of the contact.
+
+    Where the normal fades, the force turns against the push instead; with neither there is none to give.
+    """
+    heading = normal
+    if direction is not None:
+        heading = normal - (1.0 - float(np.sqrt(normal @ normal))) * direction
+    length = float(np.sqrt(heading @ heading))
+    return heading * (min(stress, yield_stress) / length) if length > 1e-12 else np.zeros(3)
+
+
+def estimate(work: Workspace) -> None:
+    """M_t = sum of w_t d, M_s = sum of (w_s - w_t) d, and grad M_t, into ``work.estimate`` (paper equations 4 and 5).
+
+    The reach is what surrounds the tool, so the tool's own mass is not in M_s (DESIGN 2).
+    """
+    if work.library:
+        work.library.repousse_estimate(byref(work.grid), byref(work.tool), byref(work.estimate))
+    else:
+        _estimate_numpy(work)
+
+
+def box_around(shape: Shape, centre, limits) -> tuple[tuple[slice, slice, slice], list[np.ndarray]]:
+    """The voxels of a grid that a shape may cover: slices, and their offsets from its centre as three open axes."""
+    slices, offsets = [], []
+    for axis, (extent, n) in enumerate(zip(shape.extent, limits, strict=True)):
+        low = int(min(max(np.floor(centre[axis] - extent - 0.5), 0), n))
+        high = int(max(min(np.ceil(centre[axis] + extent + 0.5) + 1, n), low))
+        slices.append(slice(low, high))
+        shaped = [1, 1, 1]
+        shaped[axis] = high - low
+        offsets.append((np.arange(low, high) - centre[axis]).reshape(shaped))
+    return (slices[0], slices[1], slices[2]), offsets
+
+
+def _estimate_numpy(work: Workspace) -> None:
+    centre, result = work.tool.centre[:], work.estimate
+    box, offsets = box_around(work.surroundings, centre, work.density.shape)
+    both = float((work.surroundings.coverage(*offsets) * work.density[box]).sum())
+    box, offsets = box_around(work.volume, centre, work.density.shape)
+    density, covered = work.density[box], work.volume.coverage(*offsets)
+    result.tool_mass = float((covered * density).sum())
+    result.reach_mass = both - result.tool_mass
+    skin = np.nonzero((covered > 0.0) & (covered < 1.0) & (density > 0.0))
+    at = [offset.ravel()[index] for offset, index in zip(offsets, skin, strict=True)]
+    result.gradient[:] = (work.volume.normal(*at) * density[skin]).sum(axis=1)

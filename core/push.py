@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Push: one tool in one grid. A position goes in; what the hand feels, and what moved, comes out (paper 5 to 7)."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from math import ceil, isfinite
+
+import numpy as np
+
+from . import dispersion, rim
+from .grid import BRICK, Box, DensityGrid, union
+from .history import History
+from .material import Material, largest_yield_ratio
+from .native.state import BORDERS, GROW, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
+from .plasticity import Regime, contact_normal, estimate, felt_force, overloaded, regime_of
+from .recursion import disperse_recursively
+from .tool import Tool
+
+METHODS = ("sweep", "recursive")
+LONGEST_STEP = 0.5
+"""Voxels of travel to a solve, at most: thin sheets are not jumped."""
+TURNING_STEP = 0.25
+"""Voxels of travel since the last dispersion from which on they give its direction."""
+MOST_SWEEPS = 4
+"""Sweeps to a solve: the first, and at most three that correct for what left the reach."""
+BLOCKED = 1e-3
+"""Share of what was emptied that has to come back before the tool counts as blocked."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What a move met. All masses are for this move alone, in voxels' worth.
+
+    ``stress`` is sigma after dispersion and ``yield_stress`` sigma_f, newtons; ``force`` (3,) newtons on the hand, with
+    |force| = min(stress, yield_stress); ``residual`` the newtons by which the stress still exceeds the yield stress;
+    ``dirty`` a half-open box around all voxels that changed, in the frame of the poses, or None.
+    """
+
+    regime: Regime
+    stress: float
+    yield_stress: float
+    force: np.ndarray
+    moved_mass: float = 0.0
+    mass_out: float = 0.0
+    blocked: bool = False
+    sweeps: int = 0
+    residual: float = 0.0
+    dirty: Box | None = None
+
+
+class Push:
+    """One tool pushed through one grid.
+
+    Parameters
+    ----------
+    grid
+        Changed in place; :attr:`grid` is the live grid.
+    tool, material
+        Lengths in voxels, forces in newtons.
+    method
+        "sweep", or "recursive": the paper's recursion, literally, for small grids.
+    border
+        What happens to density that would leave the grid: "grow" pads the grid in whole bricks, "wall" sends it back
+        into the tool's voxels, "open" lets it go and counts it.
+    band
+        Voxels ahead of the tool beyond which nothing goes: the paper's reflecting plane (3.3). What reaches it rises
+        as a rim. None: no plane, the paper's pyramid without end.
+    rim
+        Radius of the rim's hats in contact radii.
+    wake
+        Tool radii behind the tool that the rim keeps clear.
+
+    Poses and dirty boxes stay in the index frame that the grid had when the push was made; :attr:`origin` is where the
+    first voxel of the grid lies in that frame.
+
+    Raises
+    ------
+    ValueError
+        For an empty grid, or an option that is not one of those above.
+    """
+
+    def __init__(
+        self,
+        grid: DensityGrid,
+        tool: Tool,
+        material: Material,
+        method: str = "sweep",
+        border: str = "grow",
+        band: float | None = None,
+        rim: float = 2.0,
+        wake: float = 1.0,
+    ) -> None:
+        if method not in METHODS:
+            raise ValueError(f'there is no method "{method}": choose from {", ".join(METHODS)}')
+        if border not in BORDERS:
+            raise ValueError(f'there is no border "{border}": choose from {", ".join(BORDERS)}')
+        for what, value in (("band", band), ("rim", rim), ("wake", wake)):
+            if value is not None and not (isfinite(value) and value >= 0.0):
+                raise ValueError(f"{what} is a number from 0 up, not {value:g}")
+        if not grid.density.any():
+            raise ValueError("the grid is empty: no voxel has any density to push")
+        self.grid, self.material = grid, material
+        self.method, self.border, self.band, self.rim, self.wake = method, border, band, rim, wake
+        self.origin = (0, 0, 0)
+        self._work = Workspace(grid.density)
+        self._take_up(tool)
+        self._warn_if_unyielding()
+        self.lift()
+
+    def _take_up(self, tool: Tool) -> None:
+        self.tool = tool
+        self.k_t, self.k_s = self.material.stiffness(tool)
+        self._work.take_up(tool)
+
+    def _warn_if_unyielding(self) -> None:
+        bound = largest_yield_ratio(self.tool)
+        if self.material.yield_ratio >= bound:
+            warnings.warn(
+                f"this material may never yield: yield_ratio {self.material.yield_ratio:g} is not below {bound:.3g}, "
+                "the bound of this tool and reach in uniform material",
+                stacklevel=3,
+            )
+
+    def lift(self) -> None:
+        """Take the tool out: the next position is a new contact, not a move."""
+        self._position: np.ndarray | None = None
+        self._solved: np.ndarray | None = None  # where the last estimate was made; None asks for a new one
+        self._turned_at: np.ndarray | None = None
+        self._direction: np.ndarray | None = None
+        self._contact = Contact(Regime.NONE, 0.0, 0.0, np.zeros(3))
+
+    def move_to(self, position, radius: float | None = None, continuous: bool = False) -> Contact:
+        """Move the tool to ``position`` (x, y, z) in voxels, in solves of at most half a voxel.
+
+        ``radius`` is the tool's from here on, its reach in proportion. A jump of more than a tool's diameter lifts the
+        tool, unless ``continuous``.
+
+        Raises
+        ------
+        ValueError
+            When the position or radius is not finite, or the radius under one voxel; the grid is untouched.
+        """
+        target = np.array(position, dtype=np.float64)
+        if target.shape != (3,) or not np.isfinite(target).all():
+            raise ValueError(f"a position is three finite numbers of voxels, not {position}")
+        if radius is not None and radius != self.tool.radius:
+            self._take_up(self.tool.scaled(radius))
+            self._solved = None
+        if self._position is not None:
+            jump = float(np.linalg.norm(target - self._position))
+            if jump > 2.0 * self.tool.radius and not continuous:
+                self.lift()
+        parts = [self._solve(step) for step in self._steps_to(target)]
+        self._contact = self._joined(parts)
+        return self._contact
+
+    def follow(self, stroke) -> list[Contact]:
+        """Move through every sample of a Stroke."""
+        return [self.move_to(s.position, s.radius, stroke.continuous) for s in stroke.samples]
+
+    def remember(self) -> History:
+        """Keep before-images of all that changes from here on."""
+        history = History(self.grid)
+        history.attach(self._work)
+        return history
+
+    def restore(self, history: History) -> None:
+        """Make the grid what it was when ``history`` began, bit for bit, and lift the tool."""
+        self.origin = tuple(int(o + s) for o, s in zip(self.origin, history._offset, strict=True))
+        history.restore(self.grid)
+        history.detach(self._work)
+        self._work.attach(self.grid.density)
+        self.lift()
+
+    @property
+    def voxels_visited(self) -> int:
+        """Voxels of flux that all sweeps so far have looked at: the cost of a push, counted."""
+        return int(self._work.sweep.visited)
+
+    def _steps_to(self, target: np.ndarray) -> list[np.ndarray]:
+        if self._position is None:
+            return [target]
+        start, way = self._position, target - self._position
+        steps = max(1, ceil(float(np.linalg.norm(way)) / LONGEST_STEP))
+        if steps == 1:
+            return [target]
+        first, last = self._near_grid(start, way)
+        near = range(max(1, int(first * steps)), min(steps - 1, ceil(last * steps)) + 1)
+        return [start + way * (step / steps) for step in near if step < steps] + [target]
+
+    def _near_grid(self, start: np.ndarray, way: np.ndarray) -> tuple[float, float]:
+        """The part of a way, from 0 to 1, on which the tool may touch the grid; a jump through empty space is free."""
+        margin = np.array(self.tool.volume.extent) + 1.0
+        low, high = np.array(self.origin) - margin, np.array(self.origin) + np.array(self.grid.shape) + margin
+        first, last = 0.0, 1.0
+        for a in range(3):
+            if way[a] == 0.0:
+                continue
+            enter, leave = sorted(((low[a] - start[a]) / way[a], (high[a] - start[a]) / way[a]))
+            first, last = max(first, enter), min(last, leave)
+        return first, last
+
+    def _solve(self, position: np.ndarray) -> Contact:
+        """One step: estimate, disperse what overloads the material, and say what is felt."""
+        work, former = self._work, self._contact
+        if self._solved is not None and (position == self._solved).all():  # at rest nothing creeps
+            return Contact(former.regime, former.stress, former.yield_stress, former.force, residual=former.residual)
+        work.tool.centre[:] = [p - o for p, o in zip(position, self.origin, strict=True)]
+        self._position = self._solved = position
+        estimate(work)
+        masses = work.estimate
+        stress, yield_stress = self.k_t * masses.tool_mass, self.k_s * masses.reach_mass
+        if stress <= 0.0 or self._turned_at is None:
+            self._turned_at = position
+        normal = contact_normal(np.array(masses.gradient[:]))
+        moved = None
+        if overloaded(stress, yield_stress):
+            self._direction = self._push_direction(position, normal)
+            if self._direction is not None:
+                moved = self._relax(self._direction)
+                stress, yield_stress = self.k_t * masses.tool_mass, self.k_s * masses.reach_mass
+                self._turned_at = position
+        regime = regime_of(stress, moved is not None, former.stress, former.regime)
+        force = felt_force(stress, yield_stress, normal, self._direction)
+        residual = max(0.0, stress - yield_stress) if moved is not None else 0.0
+        moved = moved or _Moved()
+        self._contact = Contact(
+            regime,
+            stress,
+            yield_stress,
+            force,
+            moved.mass,
+            moved.out,
+            moved.blocked,
+            moved.sweeps,
+            residual,
+            moved.dirty,
+        )
+        return self._contact
+
+    def _push_direction(self, position: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
+        """u: the displacement since the last dispersion, else the previous u, else into the contact (DESIGN 2)."""
+        way = position - self._turned_at
+        length = float(np.linalg.norm(way))
+        if length >= TURNING_STEP:
+            return way / length
+        if self._direction is not None:
+            return self._direction
+        length = float(np.linalg.norm(normal))
+        return -normal / length if length >= 1.0 - 1e-9 else None
+
+    def _relax(self, direction: np.ndarray) -> _Moved:
+        """Move density until sigma = sigma_f: k_t (M_t - x) = k_s (M_s + x - L(x))."""
+        if self.method == "recursive":
+            return self._relax_recursively(direction)
+        work, kappa, moved = self._work, self.material.yield_ratio, _Moved()
+        masses, axis = work.estimate, dispersion.dominant_axis(direction)
+        gain = 1.0  # of M_s for each voxel's worth that leaves the tool; what leaves the reach makes it less
+        while moved.sweeps < MOST_SWEEPS:
+            excess = masses.tool_mass - kappa * masses.reach_mass
+            dispersion.empty(work, axis, excess / (1.0 + kappa * gain), packed=self.band is not None)
+            if work.emptied.mass <= 0.0:
+                break
+            tool_mass, reach_mass = masses.tool_mass, masses.reach_mass
+            returned = self._disperse(direction, axis, moved)
+            moved.sweeps += 1
+            moved.mass += work.emptied.mass - returned
+            moved.blocked |= returned > BLOCKED * work.emptied.mass
+            dispersion.forget_emptied(work)
+            lost = tool_mass - masses.tool_mass
+            if lost <= 1e-6 * tool_mass or not overloaded(masses.tool_mass, kappa * masses.reach_mass):
+                break
+            gain = min(max((masses.reach_mass - reach_mass) / lost, 0.0), 1.0)
+        return moved
+
+    def _disperse(self, direction: np.ndarray, axis: int, moved: _Moved) -> float:
+        """Sweep what was emptied, raise what the band turns back, return what finds no room; M_t and M_s follow."""
+        work = self._work
+        masses, emptied, sweep = work.estimate, work.emptied, work.sweep
+        sweep.dirty[:] = work.rim.dirty[:] = no_box()
+        dispersion.begin_sweep(work, direction, axis, BORDERS.index(self.border), self.band)
+        while dispersion.sweep(work) == NEEDS_GROWTH:
+            self._grow(sweep.needs[0::2], sweep.needs[1::2])
+        left = sweep.surplus
+        if left > 0.0 and self.band is not None:
+            left = rim.raise_rim(work, direction, left, self.rim, self.wake * self.tool.radius, self._make_room)
+        if left > 0.0:
+            dispersion.put_back(work, left)
+        if self.band is None:
+            masses.tool_mass -= emptied.tool_loss
+            masses.reach_mass += sweep.reach_gain - emptied.reach_loss
+        else:
+            estimate(work)
+        moved.out += sweep.mass_out
+        for box in (self._emptied_box(axis), box_from(sweep.dirty), box_from(work.rim.dirty)):
+            moved.dirty = union(moved.dirty, self._in_pose_frame(box))
+        return left
+
+    def _relax_recursively(self, direction: np.ndarray) -> _Moved:
+        work = self._work
+        while True:
+            outcome = disperse_recursively(
+                work, direction, self.material.yield_ratio, outside="keep" if self.border == "wall" else "leave"
+            )
+            if self.border != "grow" or not outcome.mass_out:
+                break
+            work.density[:] = outcome.before  # it ran over the border: make the grid larger, and run again
+            self._grow((BRICK,) * 3, (BRICK,) * 3)
+            estimate(work)
+        blocked = outcome.kept > BLOCKED * outcome.emptied
+        return _Moved(outcome.emptied - outcome.kept, outcome.mass_out, blocked, 1, self._in_pose_frame(outcome.dirty))
+
+    def _emptied_box(self, axis: int) -> Box:
+        order, emptied = ORDERS[axis], self._work.emptied
+        low, high = ([end[order.index(a)] for a in range(3)] for end in (emptied.first, emptied.last))
+        return (low[0], low[1], low[2]), (high[0], high[1], high[2])
+
+    def _make_room(self, low: list[int], high: list[int]) -> None:
+        """Before the rim rises: let the grid reach beyond a box on every side where material stands at its border."""
+        if self.border != "grow":
+            return
+        below, above = [0, 0, 0], [0, 0, 0]
+        inside = tuple(slice(max(0, a), max(0, b)) for a, b in zip(low, high, strict=True))
+        for a in range(3):
+            face = list(inside)
+            if low[a] <= 0:
+                face[a] = slice(0, 1)
+                below[a] = BRICK * bool(self.grid.density[tuple(face)].any())
+            if high[a] >= self.grid.shape[a]:
+                face[a] = slice(-1, None)
+                above[a] = BRICK * bool(self.grid.density[tuple(face)].any())
+        if any(below) or any(above):
+            self._grow(below, above)
+
+    def _grow(self, below, above) -> None:
+        """Pad the grid in whole bricks; everything that is under way follows."""
+        work = self._work
+        below = (int(below[0]), int(below[1]), int(below[2]))
+        self.grid.grow(below, (int(above[0]), int(above[1]), int(above[2])))
+        self.origin = tuple(o - b for o, b in zip(self.origin, below, strict=True))
+        work.attach(self.grid.density)
+        work.moved(below)
+        if work.history is not None:
+            work.history.grew(self.grid.density, below)
+            work.history.attach(work)
+
+    def _in_pose_frame(self, box: Box | None) -> Box | None:
+        if box is None:
+            return None
+        low, high = (tuple(int(v) + o for v, o in zip(end, self.origin, strict=True)) for end in box)
+        return low, high
+
+    @staticmethod
+    def _joined(parts: list[Contact]) -> Contact:
+        last, dirty = parts[-1], None
+        if len(parts) == 1:
+            return last
+        for part in parts:
+            dirty = union(dirty, part.dirty)
+        plastic = any(part.regime is Regime.PLASTIC for part in parts)
+        return Contact(
+            Regime.PLASTIC if plastic and last.regime is Regime.ELASTIC else last.regime,
+            last.stress,
+            last.yield_stress,
+            last.force,
+            sum(part.moved_mass for part in parts),
+            sum(part.mass_out for part in parts),
+            any(part.blocked for part in parts),
+            sum(part.sweeps for part in parts),
+            last.residual,
+            dirty,
+        )
+
+
+@dataclass
+class _Moved:
+    """What a relaxation did: masses in voxels' worth, the box in the frame of the poses."""
+
+    mass: float = 0.0
+    out: float = 0.0
+    blocked: bool = False
+    sweeps: int = 0
+    dirty: Box | None = None

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stroke: the path of a tool as it was solved, and all that is needed to walk it again to the same voxels.
+
+A file is JSON lines: a header, then a line for each pose. Replay follows the poses, never the clock.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .grid import DensityGrid
+from .material import Material
+from .push import LONGEST_STEP, Push
+from .tool import BoxTool, CapsuleTool, SphereTool, Tool
+
+SCHEMA = 1
+MOST_SAMPLES = 10_000_000
+"""A file with more poses than this is refused: hours of an arm at 1 kHz."""
+
+_TOOLS = {tool.kind: tool for tool in (SphereTool, BoxTool, CapsuleTool)}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One pose: seconds since the stroke began, voxels, a unit quaternion (w, x, y, z), and how it was solved.
+
+    ``radius`` is the tool's in voxels; None leaves it as it is.
+    """
+
+    time: float
+    position: tuple[float, float, float]
+    rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    radius: float | None = None
+    quality: str = "exact"
+
+
+@dataclass
+class Stroke:
+    """A recorded or drawn path, with the tool and material that walked it.
+
+    ``voxel_size`` is in world units and ``grid_hash`` that of the grid it began on, both None when it is drawn for any
+    grid. ``continuous``: jumps are moves. The other fields are :class:`Push`'s.
+    """
+
+    samples: list[Sample] = field(default_factory=list)
+    tool: Tool = field(default_factory=lambda: SphereTool(16.0))
+    material: Material = field(default_factory=Material)
+    method: str = "sweep"
+    border: str = "grow"
+    band: float | None = None
+    rim: float = 2.0
+    wake: float = 1.0
+    verb: str = "push"
+    symmetry: str = ""
+    continuous: bool = False
+    voxel_size: float | None = None
+    grid_hash: str | None = None
+
+    @classmethod
+    def line(cls, start, end, step: float = LONGEST_STEP, **header) -> Stroke:
+        """A straight path from ``start`` to ``end`` (voxels), a sample every ``step`` voxels and one at the end.
+
+        ``header`` are further fields of the stroke. Time is taken to pass at 100 voxels a second.
+        """
+        if not (np.isfinite(step) and step > 0.0):
+            raise ValueError(f"the step is a positive number of voxels, not {step:g}")
+        return cls([_sample_at(0.0, start), _sample_at(_seconds(start, end), end)], **header).resample(step)
+
+    def resample(self, step: float) -> Stroke:
+        """The same path with a sample every ``step`` voxels of its length, and its two ends."""
+        if not (np.isfinite(step) and step > 0.0):
+            raise ValueError(f"the step is a positive number of voxels, not {step:g}")
+        if len(self.samples) < 2:
+            return dataclasses.replace(self, samples=list(self.samples))
+        positions = np.array([s.position for s in self.samples], dtype=np.float64)
+        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+        steps = max(1, int(np.ceil(length[-1] / step - 1e-9)))
+        if steps > MOST_SAMPLES:
+            raise ValueError(f"a step of {step:g} voxels makes {steps} samples: take a longer one")
+        wanted = np.linspace(0.0, length[-1], steps + 1)
+        times = np.interp(wanted, length, [s.time for s in self.samples])
+        path = np.stack([np.interp(wanted, length, positions[:, a]) for a in range(3)], axis=1)
+        nearest = np.searchsorted(length, wanted, side="right") - 1
+        samples = [
+            dataclasses.replace(self.samples[n], time=float(t), position=tuple(p))
+            for n, t, p in zip(np.clip(nearest, 0, len(self.samples) - 1), times, path.tolist(), strict=True)
+        ]
+        return dataclasses.replace(self, samples=samples)
+
+    def push(self, grid: DensityGrid) -> Push:
+        """A Push as the header says, on a grid."""
+        if self.verb != "push" or self.symmetry:
+            raise ValueError(f'cannot replay the verb "{self.verb}" with symmetry "{self.symmetry}": only a plain push')
+        return Push(grid, self.tool, self.material, self.method, self.border, self.band, self.rim, self.wake)
+
+    def began_on(self, grid: DensityGrid) -> Stroke:
+        """The same stroke, told which grid it begins on."""
+        return dataclasses.replace(self, voxel_size=grid.voxel_size, grid_hash=hash_of(grid))
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the file, whole or not at all."""
+        header = {"repousse_stroke": SCHEMA, "tool": {"kind": self.tool.kind, **dataclasses.asdict(self.tool)}}
+        header["material"] = dataclasses.asdict(self.material)
+        for name in _HEADER:
+            header[name] = getattr(self, name)
+        lines = [json.dumps(header)] + [json.dumps(dataclasses.asdict(s)) for s in self.samples]
+        path = Path(path)
+        unfinished = path.with_name(path.name + f".{os.getpid()}.part")
+        try:
+            unfinished.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            os.replace(unfinished, path)
+        finally:
+            unfinished.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> Stroke:
+        """Read a file.
+
+        Raises
+        ------
+        ValueError
+            One line that names the file, the line and what is wrong.
+        OSError
+            When the file cannot be read.
+        """
+        number = 0
+        try:
+            with open(path, encoding="utf-8") as lines:
+                stroke = _stroke_from(_record(lines.readline()))
+                for number, line in enumerate(lines, start=1):
+                    if number > MOST_SAMPLES:
+                        raise ValueError(f"more than {MOST_SAMPLES} poses")
+                    stroke.samples.append(_sample_from(_record(line)))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            reason = f"there is no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
+            raise ValueError(f"{path}, line {number + 1}: {reason}") from error
+        return stroke
+
+
+_HEADER = ("method", "border", "band", "rim", "wake", "verb", "symmetry", "continuous", "voxel_size", "grid_hash")
+
+
+def hash_of(grid: DensityGrid) -> str:
+    """A hash of a grid's shape and density, 32 hexadecimal digits."""
+    digest = hashlib.blake2b(str(grid.shape).encode(), digest_size=16)
+    digest.update(grid.density.data)
+    return digest.hexdigest()
+
+
+def _seconds(start, end) -> float:
+    return float(np.linalg.norm(np.subtract(end, start))) / 100.0
+
+
+def _sample_at(time: float, position) -> Sample:
+    x, y, z = (float(v) for v in position)
+    return Sample(time, (x, y, z))
+
+
+def _record(line: str) -> dict:
+    record = json.loads(line)
+    if not isinstance(record, dict):
+        raise ValueError("not a record in braces")
+    return record
+
+
+def _numbers(record: dict, name: str, count: int) -> tuple[float, ...]:
+    values = tuple(float(v) for v in record[name])
+    if len(values) != count or not np.isfinite(values).all():
+        raise ValueError(f"{name} is {count} finite numbers")
+    return values
+
+
+def _sample_from(record: dict) -> Sample:
+    radius = record.get("radius")
+    radius = None if radius is None else float(radius)
+    if radius is not None and not (np.isfinite(radius) and radius >= 1.0):
+        raise ValueError(f"the radius must be at least one voxel, not {radius:g}")
+    time = float(record.get("time", 0.0))
+    if not np.isfinite(time):
+        raise ValueError("time is a finite number of seconds")
+    rotation = _numbers(record, "rotation", 4) if "rotation" in record else (1.0, 0.0, 0.0, 0.0)
+    return Sample(time, _numbers(record, "position", 3), rotation, radius, str(record.get("quality", "exact")))
+
+
+def _stroke_from(record: dict) -> Stroke:
+    schema = record.get("repousse_stroke")
+    if schema != SCHEMA:
+        raise ValueError(f"not a Repoussé stroke of version {SCHEMA}")
+    tool = dict(record["tool"])
+    kind = tool.pop("kind", None)
+    if kind not in _TOOLS:
+        raise ValueError(f'there is no tool "{kind}": choose from {", ".join(_TOOLS)}')
+    header = {name: record[name] for name in _HEADER if name in record}
+    return Stroke(tool=_TOOLS[kind](**tool), material=Material(**record["material"]), **header)
