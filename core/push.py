@@ -25,6 +25,8 @@ TURNING_STEP = 0.25
 """Voxels of travel since the last dispersion from which on they give its direction."""
 MOST_SWEEPS = 4
 """Sweeps to a solve: the first, and at most three that correct for what left the reach."""
+GIVEN = 0.999
+"""Share of what was wanted below which packed material has given all it can."""
 BLOCKED = 1e-3
 """Share of what was emptied that has to come back before the tool counts as blocked."""
 
@@ -256,13 +258,15 @@ class Push:
         if self.method == "recursive":
             return self._relax_recursively(direction)
         work, kappa, moved = self._work, self.material.yield_ratio, _Moved()
-        masses, axis = work.estimate, dispersion.dominant_axis(direction)
+        masses, axis, packed = work.estimate, dispersion.dominant_axis(direction), self.band is not None
         gain = 1.0  # of M_s for each voxel's worth that leaves the tool; what leaves the reach makes it less
         while moved.sweeps < MOST_SWEEPS:
             excess = masses.tool_mass - kappa * masses.reach_mass
-            dispersion.empty(work, axis, excess / (1.0 + kappa * gain), packed=self.band is not None)
+            wanted = excess / (1.0 + kappa * gain)
+            dispersion.empty(work, axis, wanted, packed)
             if work.emptied.mass <= 0.0:
                 break
+            all_given = packed and work.emptied.tool_loss < GIVEN * wanted  # its voxels' free parts hold the rest
             tool_mass, reach_mass = masses.tool_mass, masses.reach_mass
             returned = self._disperse(direction, axis, moved)
             moved.sweeps += 1
@@ -270,7 +274,7 @@ class Push:
             moved.blocked |= returned > BLOCKED * work.emptied.mass
             dispersion.forget_emptied(work)
             lost = tool_mass - masses.tool_mass
-            if lost <= 1e-6 * tool_mass or not overloaded(masses.tool_mass, kappa * masses.reach_mass):
+            if all_given or lost <= 1e-6 * tool_mass or not overloaded(masses.tool_mass, kappa * masses.reach_mass):
                 break
             gain = min(max((masses.reach_mass - reach_mass) / lost, 0.0), 1.0)
         return moved

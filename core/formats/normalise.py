@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..grid import CUBIC_TOLERANCE, DensityGrid
-from .base import MAX_VOXELS, FormatError, EmptyVolumeError, Volume
+from .base import MAX_VOXELS, EmptyVolumeError, FormatError, Volume
 
 Window = tuple[float, float]
 
@@ -116,7 +116,7 @@ def _finer(density: np.ndarray, axis: int, count: int, ratio: float) -> np.ndarr
     along = [1, 1, 1]
     along[axis] = count
     shares = (inside * ratio).astype(np.float32).reshape(along), (beyond * ratio).astype(np.float32).reshape(along)
-    finer = density.take(first, axis)
+    finer: np.ndarray = density.take(first, axis)
     finer *= shares[0]
     rest = density.take(second, axis, mode="clip")
     rest *= shares[1]

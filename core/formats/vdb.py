@@ -21,7 +21,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from ..grid import DensityGrid
-from .base import GENERATOR, MAX_VOXELS, FormatError, GridInfo, EmptyVolumeError, Volume, replacing, select
+from .base import GENERATOR, MAX_VOXELS, EmptyVolumeError, FormatError, GridInfo, Volume, replacing, select
 
 MAGIC = struct.pack("<q", 0x56444220)
 

@@ -36,6 +36,7 @@ enum Status { DONE = 0, NEEDS_GROWTH = 1, LIST_FULL = 2 };
 
 typedef struct {
     double half_size[3], half_axis[3], radius;
+    int64_t ball; // neither half_size nor half_axis: most tools are, and they have faster ways
 } Shape;
 
 typedef struct {
@@ -103,12 +104,20 @@ static int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
 static int64_t most(int64_t a, int64_t b) { return a > b ? a : b; }
 static int64_t within(int64_t x, int64_t low, int64_t high) { return most(low, least(x, high)); }
 
+static int64_t floor_of(double x) {
+    const int64_t whole = (int64_t)x;
+    return whole - (x < (double)whole);
+}
+
+static int64_t ceil_of(double x) { return -floor_of(-x); }
+
 // ---- shapes ---------------------------------------------------------------------------------------------------------
 
 static double clamp(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
 // Signed distance of a point relative to the shape's centre; the same arithmetic as Shape.distance in core/tool.py.
 static double distance(const Shape *s, double x, double y, double z) {
+    if (s->ball) return sqrt(x * x + y * y + z * z) - s->radius;
     const double ax = s->half_axis[0], ay = s->half_axis[1], az = s->half_axis[2];
     const double length2 = ax * ax + ay * ay + az * az;
     if (length2 > 0.0) {
@@ -164,60 +173,103 @@ static double extent(const Shape *s, int axis) {
 }
 
 typedef struct {
-    int64_t low, high;           // voxels of the row with coverage > 0, half open
-    int64_t full_low, full_high; // of these, voxels whose coverage is surely 1
+    int64_t low, high; // voxels of a row with coverage > 0, half open
 } Span;
+
+static const Span no_span = {0, 0};
+
+// A ball needs no root for each voxel of its row: |p| < R + 1/2 is asked of squares.
+static Span ball_span(double radius, double across2, double z, int64_t n) {
+    const double outer2 = (radius + 0.5) * (radius + 0.5);
+    if (across2 >= outer2) return no_span;
+    const double half = sqrt(outer2 - across2);
+    int64_t low = ceil_of(z - half), high = floor_of(z + half); // right but for rounding, which these two lines mend
+    low += across2 + ((double)low - z) * ((double)low - z) >= outer2;
+    high += across2 + ((double)high - z) * ((double)high - z) < outer2;
+    low = most(low, 0);
+    return (Span){low, most(low, least(high, n))};
+}
 
 // The voxels of one row that a convex shape covers: x, y are the row's offsets from the centre, z the centre's index.
 static Span row_span(const Shape *s, double x, double y, double z, int64_t n) {
-    Span span = {0, 0, 0, 0};
-    double half = extent(s, 2) + 0.5, full = -1.0;
-    const int ball = s->half_size[0] == 0.0 && s->half_axis[0] == 0.0 && s->half_axis[1] == 0.0 && s->half_axis[2] == 0.0;
-    if (ball) {
-        const double outer = s->radius + 0.5, inner = s->radius - 0.5, across2 = x * x + y * y;
-        if (across2 >= outer * outer) return span;
-        half = sqrt(outer * outer - across2);
-        if (inner > 0.0 && across2 < inner * inner) full = sqrt(inner * inner - across2);
-    } else if (fabs(x) >= extent(s, 0) + 0.5 || fabs(y) >= extent(s, 1) + 0.5) {
-        return span;
-    } else if (s->half_size[0] > 0.0 && s->radius == 0.0 && fabs(x) <= s->half_size[0] - 0.5 &&
-               fabs(y) <= s->half_size[1] - 0.5) {
-        full = s->half_size[2] - 0.5;
-    }
-    span.low = most(0, (int64_t)ceil(z - half) - 1);
-    span.high = least(n, (int64_t)floor(z + half) + 2);
+    if (s->ball) return ball_span(s->radius, x * x + y * y, z, n);
+    if (fabs(x) >= extent(s, 0) + 0.5 || fabs(y) >= extent(s, 1) + 0.5) return no_span;
+    const double half = extent(s, 2) + 0.5;
+    Span span = {most(0, ceil_of(z - half) - 1), least(n, floor_of(z + half) + 2)};
     while (span.low < span.high && distance(s, x, y, (double)span.low - z) >= 0.5) span.low++;
     while (span.low < span.high && distance(s, x, y, (double)(span.high - 1) - z) >= 0.5) span.high--;
-    if (span.low >= span.high) return (Span){0, 0, 0, 0};
-    full -= 1e-9; // voxels on the brink are left to the formula
-    span.full_low = full > 0.0 ? (int64_t)clamp(ceil(z - full), (double)span.low, (double)span.high) : span.low;
-    span.full_high = full > 0.0 ? (int64_t)clamp(floor(z + full) + 1.0, (double)span.full_low, (double)span.high) : span.full_low;
     return span;
 }
 
-// Sum of a row in float64. Eight running sums let the compiler use vectors without reordering additions.
+// Sums run in LANES parts, which lets the compiler use vectors without reordering additions.
+static double lane_sum(const double lanes[LANES]) {
+    return ((lanes[0] + lanes[1]) + (lanes[2] + lanes[3])) + ((lanes[4] + lanes[5]) + (lanes[6] + lanes[7]));
+}
+
+static uint32_t any_bits(const float *v, int64_t n) { // of numbers >= 0: not zero when any of them is not
+    uint32_t bits = 0;
+    for (int64_t k = 0; k < n; k++) {
+        uint32_t word;
+        memcpy(&word, v + k, sizeof word);
+        bits |= word;
+    }
+    return bits;
+}
+
 static double row_sum(const float *v, int64_t n) {
     double lanes[LANES] = {0.0};
     int64_t k = 0;
     for (; k + LANES <= n; k += LANES)
         for (int l = 0; l < LANES; l++) lanes[l] += (double)v[k + l];
     for (; k < n; k++) lanes[0] += (double)v[k];
-    return ((lanes[0] + lanes[4]) + (lanes[1] + lanes[5])) + ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7]));
+    return lane_sum(lanes);
 }
 
-// Sum of coverage times value over a row whose element 0 lies at index `first` (the row of values starts there).
-static double covered_sum(const Shape *s, double x, double y, double z, Span span, const float *v, int64_t first) {
+// A ball's share of LANES voxels of a row, `across2` the row's squared distance from its centre, `z` the offset of the
+// first. In float32: the root's error of 2e-6 voxel averages out over the thousands of voxels of the skin.
+static void ball_coverage(float radius, float across2, float z, float *restrict w) {
+    for (int l = 0; l < LANES; l++) {
+        const float at = z + (float)l, inside = 0.5f - (sqrtf(across2 + at * at) - radius);
+        const float some = inside > 0.0f ? inside : 0.0f;
+        w[l] = some < 1.0f ? some : 1.0f;
+    }
+}
+
+// A stretch as long as a multiple of LANES, where its row allows: what is added has no coverage and changes no sum.
+static Span widened(Span span, int64_t low, int64_t high) {
+    const int64_t n = (span.high - span.low + LANES - 1) / LANES * LANES;
+    span.low = most(low, span.high - n);
+    span.high = least(high, span.low + n);
+    return span;
+}
+
+static double ball_sum(double radius, double across2, double z, const float *v, int64_t n) {
+    float w[LANES], lanes[LANES] = {0.0f};
+    int64_t k = 0;
+    for (; k + LANES <= n; k += LANES) {
+        ball_coverage((float)radius, (float)across2, (float)(z + (double)k), w);
+        for (int l = 0; l < LANES; l++) lanes[l] += w[l] * v[k + l];
+    }
     double sum = 0.0;
-    for (int64_t k = span.low; k < span.full_low; k++) sum += coverage(s, x, y, (double)k - z) * (double)v[k - first];
-    if (span.full_high > span.full_low) sum += row_sum(v + (span.full_low - first), span.full_high - span.full_low);
-    for (int64_t k = span.full_high; k < span.high; k++) sum += coverage(s, x, y, (double)k - z) * (double)v[k - first];
+    for (int l = 0; l < LANES; l++) sum += (double)lanes[l];
+    for (; k < n; k++) sum += clamp(0.5 - (sqrt(across2 + (z + (double)k) * (z + (double)k)) - radius), 0.0, 1.0) * (double)v[k];
+    return sum;
+}
+
+// Sum of coverage times value over the part `span` of a row whose element 0 lies at index `first`.
+static double covered_sum(const Shape *s, double x, double y, double z, Span span, const float *v, int64_t first) {
+    if (s->ball)
+        return ball_sum(s->radius, x * x + y * y, (double)span.low - z, v + (span.low - first), span.high - span.low);
+    double sum = 0.0;
+    for (int64_t k = span.low; k < span.high; k++)
+        if (v[k - first] > 0.0f) sum += coverage(s, x, y, (double)k - z) * (double)v[k - first];
     return sum;
 }
 
 static void box_of(const Shape *s, const double centre[3], const int64_t shape[3], int64_t low[3], int64_t high[3]) {
     for (int a = 0; a < 3; a++) {
-        low[a] = most(0, (int64_t)floor(clamp(centre[a] - extent(s, a) - 0.5, 0.0, (double)shape[a])));
-        high[a] = least(shape[a], (int64_t)ceil(clamp(centre[a] + extent(s, a) + 0.5, -1.0, (double)shape[a])) + 1);
+        low[a] = floor_of(clamp(centre[a] - extent(s, a) - 0.5, 0.0, (double)shape[a]));
+        high[a] = least(shape[a], ceil_of(clamp(centre[a] + extent(s, a) + 0.5, -1.0, (double)shape[a])) + 1);
     }
 }
 
@@ -255,34 +307,76 @@ static void mark_dirty(int64_t dirty[6], int64_t i0, int64_t i1, int64_t j0, int
 
 // ---- estimate -------------------------------------------------------------------------------------------------------
 
-// M_t = sum w_t d, M_s = sum (w_s - w_t) d, and grad M_t = sum over the tool's skin of d n (paper equations 4, 5).
+// The skin of a ball in one row, where 0 < w < 1: sums of d / r and of z d / r.
+static void ball_skin(float radius, float across2, double z, const float *v, int64_t n, double *flat, double *along) {
+    float sums[LANES] = {0.0f}, moments[LANES] = {0.0f}, padded[LANES] = {0.0f};
+    for (int64_t k = 0; k < n; k += LANES) {
+        const float first = (float)(z + (double)k), *d = v + k;
+        if (k + LANES > n) d = memcpy(padded, d, (size_t)(n - k) * sizeof(float));
+        for (int l = 0; l < LANES; l++) {
+            const float at = first + (float)l, root = sqrtf(across2 + at * at), inside = 0.5f - (root - radius);
+            const float some = inside > 0.0f ? d[l] / root : 0.0f, part = inside < 1.0f ? some : 0.0f;
+            sums[l] += part;
+            moments[l] += part * at;
+        }
+    }
+    *flat = *along = 0.0;
+    for (int l = 0; l < LANES; l++) {
+        *flat += (double)sums[l];
+        *along += (double)moments[l];
+    }
+}
+
+// grad M_t from one row: sum over the tool's skin of d n, n the outward normal.
+static void add_gradient(const Shape *s, double x, double y, double z, Span span, const float *d, double gradient[3]) {
+    if (s->ball) {
+        double flat, along;
+        ball_skin((float)s->radius, (float)(x * x + y * y), (double)span.low - z, d + span.low, span.high - span.low, &flat, &along);
+        gradient[0] += x * flat;
+        gradient[1] += y * flat;
+        gradient[2] += along;
+        return;
+    }
+    for (int64_t k = span.low; k < span.high; k++) {
+        const double w = coverage(s, x, y, (double)k - z);
+        if (d[k] <= 0.0f || w <= 0.0 || w >= 1.0) continue;
+        double n[3];
+        normal(s, x, y, (double)k - z, n);
+        for (int a = 0; a < 3; a++) gradient[a] += (double)d[k] * n[a];
+    }
+}
+
+// M_t = sum w_t d, M_s = sum (w_s - w_t) d, and grad M_t (paper equations 4, 5).
+// The rows of plane i that a shape may reach, half open.
+static void rows_of(const Shape *s, const double centre[3], int64_t i, int64_t n, int64_t *low, int64_t *high) {
+    const double x = (double)i - centre[0], outer = s->radius + 0.5;
+    const double half = !s->ball ? extent(s, 1) + 0.5 : fabs(x) < outer ? sqrt(outer * outer - x * x) : -1.0;
+    *low = most(0, ceil_of(centre[1] - half));
+    *high = least(n, floor_of(centre[1] + half) + 1);
+}
+
 EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out) {
-    int64_t low[3], high[3];
+    int64_t low[3], high[3], first, last;
     double tool_mass = 0.0, both = 0.0, gradient[3] = {0.0, 0.0, 0.0};
+    const double z = t->centre[2];
     box_of(&t->surroundings, t->centre, g->shape, low, high);
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
-        for (int64_t j = low[1]; j < high[1]; j++) {
-            const double y = (double)j - t->centre[1], z = t->centre[2];
+        rows_of(&t->surroundings, t->centre, i, g->shape[1], &first, &last);
+        for (int64_t j = first; j < last; j++) {
+            const double y = (double)j - t->centre[1];
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-            const Span reach = row_span(&t->surroundings, x, y, z, g->shape[2]);
-            if (reach.low >= reach.high) continue;
+            const Span reach = widened(row_span(&t->surroundings, x, y, z, g->shape[2]), 0, g->shape[2]);
             both += covered_sum(&t->surroundings, x, y, z, reach, d, 0);
-            const Span tool = row_span(&t->volume, x, y, z, g->shape[2]);
-            if (tool.low >= tool.high) continue;
+        }
+        rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
+        for (int64_t j = first; j < last; j++) {
+            const double y = (double)j - t->centre[1];
+            const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
+            const Span tool = widened(row_span(&t->volume, x, y, z, g->shape[2]), 0, g->shape[2]);
+            if (!any_bits(d + tool.low, tool.high - tool.low)) continue; // most of a tool has been emptied
             tool_mass += covered_sum(&t->volume, x, y, z, tool, d, 0);
-            for (int64_t k = tool.low; k < tool.high; k++) {
-                if (k == tool.full_low && tool.full_high > k) {
-                    k = tool.full_high;
-                    if (k >= tool.high) break;
-                }
-                if (d[k] <= 0.0f) continue;
-                const double w = coverage(&t->volume, x, y, (double)k - z);
-                if (w <= 0.0 || w >= 1.0) continue;
-                double n[3];
-                normal(&t->volume, x, y, (double)k - z, n);
-                for (int a = 0; a < 3; a++) gradient[a] += (double)d[k] * n[a];
-            }
+            add_gradient(&t->volume, x, y, z, tool, d, gradient);
         }
     }
     out->tool_mass = tool_mass;
@@ -306,6 +400,7 @@ static void permute(const Shape *s, const int axis[3], Shape *out) {
         out->half_axis[i] = s->half_axis[axis[i]];
     }
     out->radius = s->radius;
+    out->ball = s->ball;
 }
 
 static Frame frame_of(const Grid *g, const Tool *t, int64_t dominant) {
@@ -329,7 +424,7 @@ static float *emptied_at(const Emptied *e, int64_t a, int64_t b, int64_t c) {
 }
 
 static int64_t shell_of(double distance_, int64_t shells) {
-    return most(0, least(shells - 1, (int64_t)floor((0.5 - distance_) / SHELL)));
+    return most(0, least(shells - 1, floor_of((0.5 - distance_) / SHELL)));
 }
 
 // ---- empty ----------------------------------------------------------------------------------------------------------
@@ -673,16 +768,6 @@ static void stop_at_band(Sweep *s, const Frame *f) {
     }
 }
 
-static uint32_t any_bits(const float *v, int64_t n) { // of numbers >= 0: not zero when any of them is not
-    uint32_t bits = 0;
-    for (int64_t k = 0; k < n; k++) {
-        uint32_t word;
-        memcpy(&word, v + k, sizeof word);
-        bits |= word;
-    }
-    return bits;
-}
-
 // deposit = min(flux, 1 - d) in a stretch of a row; true when anything was laid down. d and flux begin at its start.
 static int deposit(float *restrict d, float *restrict flux, int64_t n, float *restrict laid) {
     for (int64_t k = 0; k < n; k++) {
@@ -702,13 +787,15 @@ static double lay_down(float *restrict d, float *restrict flux, int64_t n, const
     return row_sum(d, n) - former;
 }
 
-static double reach_gain(const Frame *f, double x, double y, const float *laid, int64_t first, int64_t last) {
-    Span span = row_span(&f->surroundings, x, y, f->centre[2], f->n[2]);
+// What M_s gains from a stretch of a row that gained `gained` in all.
+static double reach_gain(const Frame *f, double x, double y, const float *laid, int64_t first, int64_t last, double gained) {
+    const double z = f->centre[2];
+    const double farthest = fmax(fabs((double)first - z), fabs((double)(last - 1) - z));
+    if (distance(&f->surroundings, x, y, farthest) <= -0.5 && f->surroundings.ball) return gained;
+    Span span = row_span(&f->surroundings, x, y, z, f->n[2]);
     span.low = within(span.low, first, last);
     span.high = within(span.high, span.low, last);
-    span.full_low = within(span.full_low, span.low, span.high);
-    span.full_high = within(span.full_high, span.full_low, span.high);
-    return covered_sum(&f->surroundings, x, y, f->centre[2], span, laid, first);
+    return covered_sum(&f->surroundings, x, y, z, widened(span, first, last), laid, first);
 }
 
 // Fill what room this plane has outside the tool. Returns whether any flux is left.
@@ -721,7 +808,7 @@ static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
     for (int64_t b = w[0]; b < w[1]; b++) {
         const double y = (double)b - f->centre[1];
         float *d = f->stride[2] == 1 ? g->density + s->plane * f->stride[0] + b * f->stride[1] : slab_row(s, slab, s->plane, b);
-        Span tool = {w[2], w[2], 0, 0};
+        Span tool = {w[2], w[2]};
         if (in_tool) tool = row_span(&f->volume, x, y, f->centre[2], f->n[2]);
         if (tool.low >= tool.high) tool.low = tool.high = w[2];
         const int64_t stretches[2][2] = {{w[2], least(tool.low, w[3])}, {most(tool.high, w[2]), w[3]}};
@@ -744,8 +831,9 @@ static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
                 slab->dirty_c1 = most(slab->dirty_c1, c1);
                 mark_dirty(s->dirty, b, b + 1, c0, c1, s->plane, s->plane + 1);
             }
-            s->laid += lay_down(d + c0, flux_at(s, b, c0), c1 - c0, s->row);
-            if (in_reach) s->reach_gain += reach_gain(f, x, y, s->row, c0, c1);
+            const double gained = lay_down(d + c0, flux_at(s, b, c0), c1 - c0, s->row);
+            s->laid += gained;
+            if (in_reach) s->reach_gain += reach_gain(f, x, y, s->row, c0, c1, gained);
         }
         left |= any_bits(flux_at(s, b, w[2]), w[3] - w[2]);
     }
@@ -802,7 +890,7 @@ EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s
 // ---- the rim (facts/rim.md) -----------------------------------------------------------------------------------------
 
 static int64_t cluster_of(double x, double side) {
-    const int64_t steps = (int64_t)floor(fabs(x) / side + 0.5), middle = CLUSTERS / 2;
+    const int64_t steps = floor_of(fabs(x) / side + 0.5), middle = CLUSTERS / 2;
     return within(x < 0.0 ? middle - steps : middle + steps, 0, CLUSTERS - 1);
 }
 
@@ -943,7 +1031,7 @@ static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, i
     for (int64_t q = 0; q < samples; q++) {
         const double part = (double)q * SIGHT_STEP / length;
         const double x = from[0] + part * way[0], y = from[1] + part * way[1], z = from[2] + part * way[2];
-        const float d = density_at(g, (int64_t)floor(x + 0.5), (int64_t)floor(y + 0.5), (int64_t)floor(z + 0.5));
+        const float d = density_at(g, floor_of(x + 0.5), floor_of(y + 0.5), floor_of(z + 0.5));
         if (d < SIGHT_AIR && distance(&t->volume, x - t->centre[0], y - t->centre[1], z - t->centre[2]) > 1.0) return 0;
     }
     return 1;
@@ -971,8 +1059,8 @@ EXPORT int64_t repousse_rim_gather(const Grid *g, const Tool *t, const Sources *
     int64_t low[3], high[3];
     r->count = 0;
     for (int a = 0; a < 3; a++) {
-        low[a] = most(0, (int64_t)ceil(clamp(p.low[a] - length, 0.0, (double)g->shape[a])));
-        high[a] = least(g->shape[a], (int64_t)floor(clamp(p.high[a] + length, -1.0, (double)g->shape[a])) + 1);
+        low[a] = most(0, ceil_of(clamp(p.low[a] - length, 0.0, (double)g->shape[a])));
+        high[a] = least(g->shape[a], floor_of(clamp(p.high[a] + length, -1.0, (double)g->shape[a])) + 1);
     }
     for (int64_t i = low[0]; i < high[0]; i++)
         for (int64_t j = low[1]; j < high[1]; j++) {

@@ -30,7 +30,7 @@ _FAR = np.iinfo(np.int64).max
 
 
 class ShapeState(Structure):
-    _fields_ = [("half_size", c_double * 3), ("half_axis", c_double * 3), ("radius", c_double)]
+    _fields_ = [("half_size", c_double * 3), ("half_axis", c_double * 3), ("radius", c_double), ("ball", c_int64)]
 
 
 class ToolState(Structure):
@@ -127,7 +127,8 @@ def pointer(array: np.ndarray, kind: type):
 
 
 def shape_state(shape: Shape) -> ShapeState:
-    return ShapeState((c_double * 3)(*shape.half_size), (c_double * 3)(*shape.half_axis), shape.radius)
+    ball = not any(shape.half_size) and not any(shape.half_axis)
+    return ShapeState((c_double * 3)(*shape.half_size), (c_double * 3)(*shape.half_axis), shape.radius, ball)
 
 
 def no_box() -> tuple[int, ...]:
