@@ -28,6 +28,9 @@ MAGIC = struct.pack("<q", 0x56444220)
 SHAPE = "repousse_shape"
 """Metadata that keeps the array's shape: OpenVDB drops empty borders, but poses and strokes count from the corner."""
 
+FARTHEST = 1 << 30
+"""Indices from here on are refused: OpenVDB adds two of them as 32 bits when it copies, then crashes or never ends."""
+
 _SCALARS = {"float": 4, "double": 8, "int32": 4, "int64": 8, "bool": 1}  # bytes of a value
 _MAPS = {  # float64 numbers of a linear map, and where among them its translation and its scale begin
     "UniformScaleMap": (15, None, 0),
@@ -100,12 +103,14 @@ def read(path: Path, grid: str | int | None) -> Volume:
         found = openvdb.read(str(path), entries[info.index].unique)
         if found.empty() or not found.activeVoxelCount():
             raise EmptyVolumeError(f"{path}: grid {info.key!r} holds nothing: it has no active voxels")
-        low, high = (np.array(corner) for corner in found.evalActiveVoxelBoundingBox())
+        low, high = (np.array(corner, np.int64) for corner in found.evalActiveVoxelBoundingBox())
         written = _written_shape(entries[info.index].metadata)
         if written is not None and (low >= 0).all() and (high < written).all():
-            low, high = np.zeros(3, int), written - 1
-        shape = tuple(int(count) for count in high.astype(object) - low.astype(object) + 1)
+            low, high = np.zeros(3, np.int64), written - 1
+        shape = tuple((high - low + 1).tolist())
         by = " x ".join(map(str, shape))
+        if max(np.abs([low, high]).flat) >= FARTHEST:
+            raise FormatError(f"{path}: grid {info.key!r} lies too far out, around index {tuple(low.tolist())}")
         if np.prod(shape, dtype=float) > MAX_VOXELS:
             raise FormatError(f"{path}: grid {info.key!r} spans {by} voxels, more than the {MAX_VOXELS} that are read")
         exact = info.value_type.split()[0] in ("double", "int32", "int64")
@@ -280,4 +285,4 @@ def _written_shape(metadata: dict[str, Any]) -> np.ndarray | None:
     counts = str(metadata.get(SHAPE, "")).split()
     if len(counts) != 3 or not all(count.isdecimal() and 0 < int(count) < 1 << 31 for count in counts):
         return None
-    return np.array([int(count) for count in counts])
+    return np.array([int(count) for count in counts], np.int64)
