@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from ctypes import byref, c_double, c_int64
 from dataclasses import dataclass
-from math import inf
+from math import copysign, inf
 
 import numpy as np
 
@@ -31,43 +31,52 @@ NEGLIGIBLE = np.float32(1e-4)
 _WEIGHT_UNIT = 2.0**-24
 
 
+Direction = tuple[float, float, float]
+
+
 @dataclass(frozen=True)
 class Spreading:
     """How a plane of flux reaches the next: a whole-voxel shift, then 3x3 weights that sum to exactly 1.
 
-    ``shift`` is along (b, c), the two axes across the sweep in order; ``weights`` is float32, shape (3, 3), (b, c).
+    ``shift`` is along (b, c), the two axes across the sweep in order; ``weights`` are nine float32 values, row by row
+    along b. They are multiples of 2^-24, which add up exactly in float32: no sum of weights near 1 makes or loses mass.
     """
 
     shift: tuple[int, int]
-    weights: np.ndarray
+    weights: tuple[float, ...]
 
 
-def dominant_axis(direction: np.ndarray) -> int:
-    """The axis along which ``direction`` (shape (3,)) is largest: the one that is swept along."""
-    return int(np.argmax(np.abs(direction)))
+def dominant_axis(direction: Direction) -> int:
+    """The axis along which ``direction`` is largest: the one that is swept along."""
+    lengths = [abs(d) for d in direction]
+    return lengths.index(max(lengths))
 
 
-def spreading(direction: np.ndarray, axis: int) -> Spreading:
-    """The spreading kernel for unit direction u: mean u_b/|u_a|, u_c/|u_a|, covariance (D/|u_a|)(I + s s^T) (DESIGN 2)."""
-    order = ORDERS[axis]
-    per_plane = 1.0 / abs(float(direction[axis]))
-    shear = np.array([direction[order[1]], direction[order[2]]], dtype=np.float64) * per_plane
-    shift = np.trunc(shear + np.copysign(0.5, shear))  # symmetric at ties, as round-half-even is not
-    rest = shear - shift
-    variance = DISPERSION * per_plane * (1.0 + shear**2)
-    variance = np.clip(variance, np.abs(rest) - rest**2, np.minimum(0.9, 1.0 - rest**2))
-    low, middle, high = (variance + rest**2 - rest) / 2, 1.0 - variance - rest**2, (variance + rest**2 + rest) / 2
-    b, c = np.stack([low, middle, high], axis=1)
-    weights = np.outer(b, c)
+def spreading(direction: Direction, axis: int) -> Spreading:
+    """The spreading kernel for unit direction u: mean s = (u_b, u_c)/|u_a|, covariance (D/|u_a|)(I + s s^T) (DESIGN 2)."""
+    per_plane = 1.0 / abs(direction[axis])
+    shear = [direction[across] * per_plane for across in ORDERS[axis][1:]]
+    shift = [int(s + copysign(0.5, s)) for s in shear]  # symmetric at ties, as round-half-even is not
+    (b_low, b_here, b_high), (c_low, c_here, c_high) = (
+        _three_weights(s - m, DISPERSION * per_plane * (1.0 + s * s)) for s, m in zip(shear, shift, strict=True)
+    )
+    # The covariance of b and c goes on the corners, as far as none of them becomes negative.
     corner = DISPERSION * per_plane * shear[0] * shear[1] / 4.0
-    lessened = weights[[0, 2], [2, 0]] if corner > 0.0 else weights[[0, 2], [0, 2]]
-    corner = np.copysign(min(abs(corner), lessened.min()), corner)
-    weights[[0, 2], [0, 2]] += corner
-    weights[[0, 2], [2, 0]] -= corner
-    # Multiples of 2^-24 add up exactly in float32, so that no mass is made or lost by a sum of weights near 1.
-    weights = np.round(weights / _WEIGHT_UNIT) * _WEIGHT_UNIT
-    weights[1, 1] += 1.0 - weights.sum()
-    return Spreading((int(shift[0]), int(shift[1])), weights.astype(np.float32))
+    most = min(b_low * c_high, b_high * c_low) if corner > 0.0 else min(b_low * c_low, b_high * c_high)
+    corner = copysign(min(abs(corner), most), corner)
+    around = [
+        *(b_low * c_low + corner, b_low * c_here, b_low * c_high - corner, b_here * c_low),
+        *(b_here * c_high, b_high * c_low - corner, b_high * c_here, b_high * c_high + corner),
+    ]
+    around = [max(round(w / _WEIGHT_UNIT), 0) * _WEIGHT_UNIT for w in around]
+    return Spreading((shift[0], shift[1]), (*around[:4], 1.0 - sum(around), *around[4:]))
+
+
+def _three_weights(rest: float, variance: float) -> tuple[float, float, float]:
+    """Weights of -1, 0, +1 with mean ``rest`` and the given variance, clamped so that none is negative."""
+    variance = max(abs(rest) - rest * rest, min(variance, 0.9, 1.0 - rest * rest))
+    square = variance + rest * rest
+    return (square - rest) / 2.0, 1.0 - square, (square + rest) / 2.0
 
 
 def empty(work: Workspace, axis: int, wanted: float, packed: bool) -> None:
@@ -101,17 +110,22 @@ def forget_emptied(work: Workspace) -> None:
         work.emptied_box[:] = 0.0
 
 
-def begin_sweep(work: Workspace, direction: np.ndarray, axis: int, border: int, band: float | None) -> None:
-    """Make ready to sweep what `empty` took along unit vector ``direction``; ``band`` is in voxels ahead of the tool."""
-    sweep, emptied, kernel = work.sweep, work.emptied, spreading(direction, axis)
+def aim(work: Workspace, direction: Direction, axis: int, border: int, band: float | None) -> None:
+    """Make ready for sweeps along unit vector ``direction``; ``band`` is in voxels ahead of the tool."""
+    sweep, kernel = work.sweep, spreading(direction, axis)
     sweep.direction[:] = direction
-    sweep.weights[:] = kernel.weights.ravel().tolist()
+    sweep.weights[:] = kernel.weights
     sweep.shift[:] = kernel.shift
     sweep.border = border
     sweep.limit = inf if band is None else band + _front(work.volume, direction)
+
+
+def sweep_emptied(work: Workspace) -> None:
+    """Begin a sweep of what `empty` took last; `sweep` carries it on."""
+    sweep, emptied = work.sweep, work.emptied
     sweep.window[:] = (0, 0, 0, 0)
     sweep.spread_done = 0
-    sweep.plane = emptied.first[0] if direction[axis] > 0 else emptied.last[0] - 1
+    sweep.plane = emptied.first[0] if sweep.direction[ORDERS[emptied.axis][0]] > 0 else emptied.last[0] - 1
     sweep.laid = sweep.reach_gain = sweep.mass_out = sweep.surplus = 0.0
 
 
@@ -128,10 +142,10 @@ def sweep(work: Workspace) -> int:
     return status
 
 
-def _front(shape: Shape, direction: np.ndarray) -> float:
+def _front(shape: Shape, direction: Direction) -> float:
     """How far a shape reaches along a direction from its centre (its support function), in voxels."""
-    half_size, half_axis = np.array(shape.half_size), np.array(shape.half_axis)
-    return float(half_size @ np.abs(direction) + abs(half_axis @ direction) + shape.radius)
+    box = sum(h * abs(u) for h, u in zip(shape.half_size, direction, strict=True))
+    return box + abs(sum(a * u for a, u in zip(shape.half_axis, direction, strict=True))) + shape.radius
 
 
 def _cut(mass: np.ndarray, wanted: float) -> tuple[int, float]:
@@ -176,7 +190,7 @@ def _empty_numpy(work: Workspace, wanted: float, packed: bool) -> None:
     carry = emptied.carry + float((density - remaining - taken).sum())
     largest = np.unravel_index(taken.argmax(), taken.shape)
     former = float(taken[largest])
-    taken[largest] = former + carry
+    taken[largest] = max(former + carry, 0.0)
     emptied.carry = carry - (float(taken[largest]) - former)
     emptied.mass = float(taken.sum(dtype=np.float64))
     inside = tuple(slice(box[a].start - emptied.low[s], box[a].stop - emptied.low[s]) for s, a in enumerate(order))
@@ -370,7 +384,10 @@ def _fill_plane(work: Workspace, order: tuple[int, int, int], plane: np.ndarray)
     rows, columns = np.nonzero(laid.any(axis=1))[0], np.nonzero(laid.any(axis=0))[0]
     if not len(rows):
         return
-    box = ((state.plane, b0 + int(rows[0]), c0 + int(columns[0])), (state.plane, b0 + int(rows[-1]), c0 + int(columns[-1])))
+    box = (
+        (state.plane, b0 + int(rows[0]), c0 + int(columns[0])),
+        (state.plane, b0 + int(rows[-1]), c0 + int(columns[-1])),
+    )
     low, high = ([end[order.index(a)] for a in range(3)] for end in box)
     work.keep(low, [h + 1 for h in high])
     for a in range(3):

@@ -89,5 +89,7 @@ class History:
                 inside = tuple(slice(p - q, r - q) for p, q, r in zip(a, low, b, strict=True))
                 grid.density[tuple(slice(p, r) for p, r in zip(a, b, strict=True))] = image[inside]
         if grid.shape != self._shape:
-            grid.density = np.ascontiguousarray(grid.density[tuple(slice(a, b) for a, b in zip(begin, end, strict=True))])
+            grid.density = np.ascontiguousarray(
+                grid.density[tuple(slice(a, b) for a, b in zip(begin, end, strict=True))]
+            )
         grid.transform = self._transform.copy()

@@ -61,7 +61,9 @@ class Preset:
 
 PRESETS = {
     "clay": Preset(Material(3.3, 0.05), 1.0, 1.0, "packed and firm; what is pushed in rises as a rim around the tool"),
-    "wax": Preset(Material(4.5, 0.12), 1.0, 0.5, "stiff; resists well before it yields, then piles up close to the tool"),
+    "wax": Preset(
+        Material(4.5, 0.12), 1.0, 0.5, "stiff; resists well before it yields, then piles up close to the tool"
+    ),
     "dough": Preset(Material(1.2, 0.03), 0.98, 1.0, "soft; gives at a touch, swells a little around the tool"),
     "foam": Preset(Material(2.0, 0.10), 0.35, None, "light and crushable; dents without a rim and hardens as it packs"),
     "snow": Preset(Material(0.9, 0.06), 0.55, None, "loose; sinks in easily and packs into a crust ahead of the tool"),

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from ctypes import byref
 from enum import Enum
+from math import hypot
 
 import numpy as np
 
 from .native.state import Workspace
-from .tool import Shape
+from .tool import Shape, Vector
 
 RELAXED = 2e-3
 """Share of the yield stress by which the stress may exceed it and still count as equal: a tool at rest does not creep,
@@ -44,21 +45,23 @@ def regime_of(stress: float, dispersed: bool, former_stress: float, former: Regi
     return Regime.UNLOADING if stress < former_stress else Regime.ELASTIC
 
 
-def contact_normal(gradient: np.ndarray) -> np.ndarray:
-    """Outward normal -g / max(|g|, g0) of the contact: shape (3,), shorter than 1 where the surroundings are uniform."""
-    return -gradient / max(float(np.sqrt(gradient @ gradient)), FADE)
+def contact_normal(gradient: Vector) -> Vector:
+    """Outward normal -g / max(|g|, g0) of the contact: shorter than 1 where the surroundings are uniform."""
+    length = max(hypot(*gradient), FADE)
+    return -gradient[0] / length, -gradient[1] / length, -gradient[2] / length
 
 
-def felt_force(stress: float, yield_stress: float, normal: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
+def felt_force(stress: float, yield_stress: float, normal: Vector, direction: Vector | None) -> np.ndarray:
     """The force on the hand in newtons, shape (3,): min(sigma, sigma_f), along the outward normal of the contact.
 
     Where the normal fades, the force turns against the push instead; with neither there is none to give.
     """
-    heading = normal
-    if direction is not None:
-        heading = normal - (1.0 - float(np.sqrt(normal @ normal))) * direction
-    length = float(np.sqrt(heading @ heading))
-    return heading * (min(stress, yield_stress) / length) if length > 1e-12 else np.zeros(3)
+    faded = 1.0 - hypot(*normal) if direction is not None else 0.0
+    heading = [n - faded * u for n, u in zip(normal, direction or normal, strict=True)]
+    length = hypot(*heading)
+    if length < 1e-12:
+        return np.zeros(3)
+    return np.array([h * (min(stress, yield_stress) / length) for h in heading])
 
 
 def estimate(work: Workspace) -> None:

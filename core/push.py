@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from math import ceil, isfinite
+from math import ceil, dist, hypot, isfinite, nan
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from .material import Material, largest_yield_ratio
 from .native.state import BORDERS, GROW, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
 from .plasticity import Regime, contact_normal, estimate, felt_force, overloaded, regime_of
 from .recursion import disperse_recursively
-from .tool import Tool
+from .tool import Tool, Vector
 
 METHODS = ("sweep", "recursive")
 LONGEST_STEP = 0.5
@@ -127,10 +127,10 @@ class Push:
 
     def lift(self) -> None:
         """Take the tool out: the next position is a new contact, not a move."""
-        self._position: np.ndarray | None = None
-        self._solved: np.ndarray | None = None  # where the last estimate was made; None asks for a new one
-        self._turned_at: np.ndarray | None = None
-        self._direction: np.ndarray | None = None
+        self._position: Vector | None = None
+        self._solved: Vector | None = None  # where the last estimate was made; None asks for a new one
+        self._turned_at: Vector | None = None
+        self._direction: Vector | None = None
         self._contact = Contact(Regime.NONE, 0.0, 0.0, np.zeros(3))
 
     def move_to(self, position, radius: float | None = None, continuous: bool = False) -> Contact:
@@ -144,18 +144,13 @@ class Push:
         ValueError
             When the position or radius is not finite, or the radius under one voxel; the grid is untouched.
         """
-        target = np.array(position, dtype=np.float64)
-        if target.shape != (3,) or not np.isfinite(target).all():
-            raise ValueError(f"a position is three finite numbers of voxels, not {position}")
+        target = _checked(position)
         if radius is not None and radius != self.tool.radius:
             self._take_up(self.tool.scaled(radius))
             self._solved = None
-        if self._position is not None:
-            jump = float(np.linalg.norm(target - self._position))
-            if jump > 2.0 * self.tool.radius and not continuous:
-                self.lift()
-        parts = [self._solve(step) for step in self._steps_to(target)]
-        self._contact = self._joined(parts)
+        if self._position is not None and not continuous and dist(target, self._position) > 2.0 * self.tool.radius:
+            self.lift()
+        self._contact = self._joined([self._solve(step) for step in self._steps_to(target)])
         return self._contact
 
     def follow(self, stroke) -> list[Contact]:
@@ -181,33 +176,33 @@ class Push:
         """Voxels of flux that all sweeps so far have looked at: the cost of a push, counted."""
         return int(self._work.sweep.visited)
 
-    def _steps_to(self, target: np.ndarray) -> list[np.ndarray]:
+    def _steps_to(self, target: Vector) -> list[Vector]:
         if self._position is None:
             return [target]
-        start, way = self._position, target - self._position
-        steps = max(1, ceil(float(np.linalg.norm(way)) / LONGEST_STEP))
+        start = self._position
+        steps = max(1, ceil(dist(target, start) / LONGEST_STEP))
         if steps == 1:
             return [target]
-        first, last = self._near_grid(start, way)
+        first, last = self._near_grid(start, target)
         near = range(max(1, int(first * steps)), min(steps - 1, ceil(last * steps)) + 1)
-        return [start + way * (step / steps) for step in near if step < steps] + [target]
+        return [_between(start, target, step / steps) for step in near] + [target]
 
-    def _near_grid(self, start: np.ndarray, way: np.ndarray) -> tuple[float, float]:
+    def _near_grid(self, start: Vector, target: Vector) -> tuple[float, float]:
         """The part of a way, from 0 to 1, on which the tool may touch the grid; a jump through empty space is free."""
-        margin = np.array(self.tool.volume.extent) + 1.0
-        low, high = np.array(self.origin) - margin, np.array(self.origin) + np.array(self.grid.shape) + margin
         first, last = 0.0, 1.0
-        for a in range(3):
-            if way[a] == 0.0:
+        for begin, end, low, n, extent in zip(
+            start, target, self.origin, self.grid.shape, self._work.volume.extent, strict=True
+        ):
+            if abs(end - begin) < 1e-9:
                 continue
-            enter, leave = sorted(((low[a] - start[a]) / way[a], (high[a] - start[a]) / way[a]))
-            first, last = max(first, enter), min(last, leave)
+            enter, leave = ((edge - begin) / (end - begin) for edge in (low - extent - 1.0, low + n + extent + 1.0))
+            first, last = max(first, min(enter, leave)), min(last, max(enter, leave))
         return first, last
 
-    def _solve(self, position: np.ndarray) -> Contact:
+    def _solve(self, position: Vector) -> Contact:
         """One step: estimate, disperse what overloads the material, and say what is felt."""
         work, former = self._work, self._contact
-        if self._solved is not None and (position == self._solved).all():  # at rest nothing creeps
+        if position == self._solved:  # at rest nothing creeps
             return Contact(former.regime, former.stress, former.yield_stress, former.force, residual=former.residual)
         work.tool.centre[:] = [p - o for p, o in zip(position, self.origin, strict=True)]
         self._position = self._solved = position
@@ -216,7 +211,7 @@ class Push:
         stress, yield_stress = self.k_t * masses.tool_mass, self.k_s * masses.reach_mass
         if stress <= 0.0 or self._turned_at is None:
             self._turned_at = position
-        normal = contact_normal(np.array(masses.gradient[:]))
+        normal = contact_normal((masses.gradient[0], masses.gradient[1], masses.gradient[2]))
         moved = None
         if overloaded(stress, yield_stress):
             self._direction = self._push_direction(position, normal)
@@ -242,23 +237,22 @@ class Push:
         )
         return self._contact
 
-    def _push_direction(self, position: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
+    def _push_direction(self, position: Vector, normal: Vector) -> Vector | None:
         """u: the displacement since the last dispersion, else the previous u, else into the contact (DESIGN 2)."""
-        way = position - self._turned_at
-        length = float(np.linalg.norm(way))
+        length = dist(position, self._turned_at)
         if length >= TURNING_STEP:
-            return way / length
+            return _scaled(position, self._turned_at, 1.0 / length)
         if self._direction is not None:
             return self._direction
-        length = float(np.linalg.norm(normal))
-        return -normal / length if length >= 1.0 - 1e-9 else None
+        return _scaled((0.0, 0.0, 0.0), normal, 1.0) if hypot(*normal) >= 1.0 - 1e-9 else None
 
-    def _relax(self, direction: np.ndarray) -> _Moved:
+    def _relax(self, direction: Vector) -> _Moved:
         """Move density until sigma = sigma_f: k_t (M_t - x) = k_s (M_s + x - L(x))."""
         if self.method == "recursive":
             return self._relax_recursively(direction)
         work, kappa, moved = self._work, self.material.yield_ratio, _Moved()
         masses, axis, packed = work.estimate, dispersion.dominant_axis(direction), self.band is not None
+        dispersion.aim(work, direction, axis, BORDERS.index(self.border), self.band)
         gain = 1.0  # of M_s for each voxel's worth that leaves the tool; what leaves the reach makes it less
         while moved.sweeps < MOST_SWEEPS:
             excess = masses.tool_mass - kappa * masses.reach_mass
@@ -279,17 +273,19 @@ class Push:
             gain = min(max((masses.reach_mass - reach_mass) / lost, 0.0), 1.0)
         return moved
 
-    def _disperse(self, direction: np.ndarray, axis: int, moved: _Moved) -> float:
+    def _disperse(self, direction: Vector, axis: int, moved: _Moved) -> float:
         """Sweep what was emptied, raise what the band turns back, return what finds no room; M_t and M_s follow."""
         work = self._work
         masses, emptied, sweep = work.estimate, work.emptied, work.sweep
         sweep.dirty[:] = work.rim.dirty[:] = no_box()
-        dispersion.begin_sweep(work, direction, axis, BORDERS.index(self.border), self.band)
+        dispersion.sweep_emptied(work)
         while dispersion.sweep(work) == NEEDS_GROWTH:
             self._grow(sweep.needs[0::2], sweep.needs[1::2])
         left = sweep.surplus
         if left > 0.0 and self.band is not None:
-            left = rim.raise_rim(work, direction, left, self.rim, self.wake * self.tool.radius, self._make_room)
+            left = rim.raise_rim(
+                work, np.array(direction), left, self.rim, self.wake * self.tool.radius, self._make_room
+            )
         if left > 0.0:
             dispersion.put_back(work, left)
         if self.band is None:
@@ -302,11 +298,14 @@ class Push:
             moved.dirty = union(moved.dirty, self._in_pose_frame(box))
         return left
 
-    def _relax_recursively(self, direction: np.ndarray) -> _Moved:
+    def _relax_recursively(self, direction: Vector) -> _Moved:
         work = self._work
         while True:
             outcome = disperse_recursively(
-                work, direction, self.material.yield_ratio, outside="keep" if self.border == "wall" else "leave"
+                work,
+                np.array(direction),
+                self.material.yield_ratio,
+                outside="keep" if self.border == "wall" else "leave",
             )
             if self.border != "grow" or not outcome.mass_out:
                 break
@@ -376,6 +375,27 @@ class Push:
             last.residual,
             dirty,
         )
+
+
+def _checked(position) -> Vector:
+    try:
+        x, y, z = (float(v) for v in position)
+    except (TypeError, ValueError):
+        x = y = z = nan
+    if not (isfinite(x) and isfinite(y) and isfinite(z)):
+        raise ValueError(f"a position is three finite numbers of voxels, not {position}")
+    return x, y, z
+
+
+def _between(start: Vector, end: Vector, part: float) -> Vector:
+    x, y, z = (a + (b - a) * part for a, b in zip(start, end, strict=True))
+    return x, y, z
+
+
+def _scaled(end: Vector, start: Vector, factor: float) -> Vector:
+    """factor x (end - start)"""
+    x, y, z = ((b - a) * factor for a, b in zip(start, end, strict=True))
+    return x, y, z
 
 
 @dataclass

@@ -106,7 +106,9 @@ def disperse_recursively(work: Workspace, direction: np.ndarray, kappa: float, o
         )
     kept = _return_aside(work, before, voxels, state.aside)
     changed = np.nonzero(work.density != before)
-    dirty = (tuple(int(i.min()) for i in changed), tuple(int(i.max()) + 1 for i in changed)) if len(changed[0]) else None
+    dirty = (
+        (tuple(int(i.min()) for i in changed), tuple(int(i.max()) + 1 for i in changed)) if len(changed[0]) else None
+    )
     return Outcome(state.emptied, state.mass_out, kept, state.calls, before, dirty)
 
 

@@ -29,7 +29,7 @@ SHORTEST_HAT = 3.0
 """Least radius of the hats, in voxels."""
 
 CLUSTERS_IN_RADIUS = 2.5
-NEARLY_FULL = np.float32(1e-3)
+NEARLY_FULL, LITTLE_ROOM = np.float32(1e-3), 0.02
 SIGHT_STEP, SIGHT_AIR = 1.5, 0.25
 _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 _FIRST_CAPACITY = 1 << 15
@@ -158,10 +158,10 @@ def _gather_numpy(work: Workspace, direction: np.ndarray, length: float, wake: f
     room = 1.0 - np.clip(0.5 - distance, 0.0, 1.0) - _density(work, index)
     full = _full_neighbours(work, index, distance < 1.6)
     kept = (room > NEARLY_FULL) & (full > 0) & ~_in_wake(work.volume, direction, wake, at)
-    index, full = index[:, kept], full[kept]
+    index, full = index[:, kept], full[kept] * np.minimum(room[kept] / LITTLE_ROOM, 1.0).astype(np.float32)
     weight = _hat_sum(points, np.array(sources.mass[: sources.count]), length, index)
     kept = weight > 0.0
-    index, weight = index[:, kept], weight[kept] * full[kept].astype(np.float32)
+    index, weight = index[:, kept], weight[kept] * full[kept]
     mass = np.array(sources.mass[: sources.count])
     kept = _joined(work, (points * mass).sum(axis=1) / mass.sum(), index)
     index, weight = index[:, kept], weight[kept]
@@ -177,11 +177,15 @@ def _surface(work: Workspace, low: list[int], high: list[int]) -> np.ndarray:
     """Indices, shape (3, n), of the voxels in a box that are not full and have a neighbour that may be."""
     framed = np.zeros([b - a + 2 for a, b in zip(low, high, strict=True)], np.float32)
     fetch = [slice(max(0, a - 1), min(n, b + 1)) for a, b, n in zip(low, high, work.density.shape, strict=True)]
-    framed[tuple(slice(s.start - a + 1, s.stop - a + 1) for s, a in zip(fetch, low, strict=True))] = work.density[tuple(fetch)]
+    framed[tuple(slice(s.start - a + 1, s.stop - a + 1) for s, a in zip(fetch, low, strict=True))] = work.density[
+        tuple(fetch)
+    ]
     inner = (slice(1, -1),) * 3
     beside = np.zeros(framed[inner].shape, bool)
     for offset in _NEIGHBOURS:
-        beside |= framed[tuple(slice(1 + o, n - 1 + o) for o, n in zip(offset, framed.shape, strict=True))] >= np.float32(0.49)
+        beside |= framed[
+            tuple(slice(1 + o, n - 1 + o) for o, n in zip(offset, framed.shape, strict=True))
+        ] >= np.float32(0.49)
     found = np.nonzero((framed[inner] < np.float32(1.0) - NEARLY_FULL) & beside)
     return np.stack(found) + np.reshape(low, (3, 1))
 
@@ -216,7 +220,8 @@ def _joined(work: Workspace, to: np.ndarray, index: np.ndarray) -> np.ndarray:
     cross air."""
     inward = np.stack(
         [
-            _density(work, index + np.reshape(up, (3, 1))).astype(np.float64) - _density(work, index + np.reshape(down, (3, 1)))
+            _density(work, index + np.reshape(up, (3, 1))).astype(np.float64)
+            - _density(work, index + np.reshape(down, (3, 1)))
             for up, down in zip(_NEIGHBOURS[::2], _NEIGHBOURS[1::2], strict=True)
         ]
     )

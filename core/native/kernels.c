@@ -24,12 +24,15 @@
 #define SLAB_PLANES 16       // planes along axis 2 that share a cache line of float32
 #define SLAB_MARGIN 4        // room for the window to grow in before a slab is read again
 #define NEARLY_FULL 1e-3f    // a voxel with less room than this is full, for the rim (facts/rim.md)
+#define LITTLE_ROOM 0.02     // below this room a voxel's weight fades, so that rounding cannot switch it on and off
 #define SIGHT_STEP 1.5       // voxels between samples of the line of material
 #define SIGHT_AIR 0.25f      // density below this is air on that line
 #define CLUSTERS 9           // clusters of emptied material along each axis
 #define MAX_POINTS (CLUSTERS * CLUSTERS * CLUSTERS)
 #define CLUSTERS_IN_RADIUS 2.5
 #define LANES 8              // running sums that the compiler may turn into vectors
+
+#define FRAME 2              // zeros around the flux
 
 enum Border { GROW = 0, WALL = 1, OPEN = 2 };
 enum Status { DONE = 0, NEEDS_GROWTH = 1, LIST_FULL = 2 };
@@ -58,11 +61,17 @@ typedef struct {
 } Estimate;
 
 typedef struct {
+    int64_t index, shell; // flat, in the grid; counted inward from the tool's skin
+    double covered;       // w
+} Occupied;
+
+typedef struct {
     int64_t axis;           // dominant axis of the push: the buffer is ordered (axis, the other two in order)
     float *buffer;          // mass taken from each voxel of the box
     int64_t low[3], n[3];   // the box around the tool, in (a, b, c) order
     int64_t first[3], last[3]; // the part of it that is not zero, half open, as grid indices in (a, b, c) order
     double mass, tool_loss, reach_loss;
+    Occupied *occupied; // scratch, a place for each voxel of the box
     double carry; // what rounding to float32 has kept back so far; it travels with the next flux
 } Emptied;
 
@@ -225,44 +234,58 @@ static double row_sum(const float *v, int64_t n) {
     return lane_sum(lanes);
 }
 
-// A ball's share of LANES voxels of a row, `across2` the row's squared distance from its centre, `z` the offset of the
-// first. In float32: the root's error of 2e-6 voxel averages out over the thousands of voxels of the skin.
-static void ball_coverage(float radius, float across2, float z, float *restrict w) {
-    for (int l = 0; l < LANES; l++) {
-        const float at = z + (float)l, inside = 0.5f - (sqrtf(across2 + at * at) - radius);
-        const float some = inside > 0.0f ? inside : 0.0f;
-        w[l] = some < 1.0f ? some : 1.0f;
-    }
-}
-
-// A stretch as long as a multiple of LANES, where its row allows: what is added has no coverage and changes no sum.
-static Span widened(Span span, int64_t low, int64_t high) {
-    const int64_t n = (span.high - span.low + LANES - 1) / LANES * LANES;
-    span.low = most(low, span.high - n);
-    span.high = least(high, span.low + n);
-    return span;
-}
-
-static double ball_sum(double radius, double across2, double z, const float *v, int64_t n) {
-    float w[LANES], lanes[LANES] = {0.0f};
+// Sum of a stretch in float32 lanes, for estimates: a few roundings in thousands of voxels, half the cost of row_sum.
+static double quick_sum(const float *v, int64_t n) {
+    float lanes[LANES] = {0.0f};
     int64_t k = 0;
-    for (; k + LANES <= n; k += LANES) {
-        ball_coverage((float)radius, (float)across2, (float)(z + (double)k), w);
-        for (int l = 0; l < LANES; l++) lanes[l] += w[l] * v[k + l];
-    }
+    for (; k + LANES <= n; k += LANES)
+        for (int l = 0; l < LANES; l++) lanes[l] += v[k + l];
     double sum = 0.0;
     for (int l = 0; l < LANES; l++) sum += (double)lanes[l];
-    for (; k < n; k++) sum += clamp(0.5 - (sqrt(across2 + (z + (double)k) * (z + (double)k)) - radius), 0.0, 1.0) * (double)v[k];
+    for (; k < n; k++) sum += (double)v[k];
     return sum;
 }
 
-// Sum of coverage times value over the part `span` of a row whose element 0 lies at index `first`.
-static double covered_sum(const Shape *s, double x, double y, double z, Span span, const float *v, int64_t first) {
-    if (s->ball)
-        return ball_sum(s->radius, x * x + y * y, (double)span.low - z, v + (span.low - first), span.high - span.low);
+// A ball's row: the voxels it covers, and of these the core that it covers wholly. Here an end may hold a voxel that is
+// not covered: its coverage is 0, and it costs less than to find out.
+typedef struct {
+    int64_t low, core_low, core_high, high;
+} BallRow;
+
+static BallRow ball_row(double radius, double across2, double z, int64_t first, int64_t last) {
+    const double outer2 = (radius + 0.5) * (radius + 0.5), inner2 = (radius - 0.5) * (radius - 0.5);
+    const double half = across2 < outer2 ? sqrt(outer2 - across2) : -1.0, core = across2 < inner2 ? sqrt(inner2 - across2) : -1.0;
+    const double from = fmax(z - half, (double)first - 1.0), to = fmin(z + half, (double)last - 1.0);
+    BallRow row = {first, first, first, first};
+    if (from >= to || half < 0.0) return row;
+    row.low = floor_of(from) + 1;
+    row.high = floor_of(to) + 1;
+    row.core_low = core > 0.0 ? within(floor_of(z - core) + 1, row.low, row.high) : row.high;
+    row.core_high = core > 0.0 ? within(floor_of(z + core) + 1, row.core_low, row.high) : row.high;
+    return row;
+}
+
+static double ball_end(double radius, double across2, double z, int64_t low, int64_t high, const float *v) {
     double sum = 0.0;
-    for (int64_t k = span.low; k < span.high; k++)
-        if (v[k - first] > 0.0f) sum += coverage(s, x, y, (double)k - z) * (double)v[k - first];
+    for (int64_t k = low; k < high; k++) {
+        const double at = (double)k - z;
+        sum += coverage_at(sqrt(across2 + at * at) - radius) * (double)v[k];
+    }
+    return sum;
+}
+
+static double ball_sum(double radius, double across2, double z, BallRow row, const float *v) {
+    return ball_end(radius, across2, z, row.low, row.core_low, v) + quick_sum(v + row.core_low, row.core_high - row.core_low) +
+           ball_end(radius, across2, z, row.core_high, row.high, v);
+}
+
+// Sum of coverage times value over the voxels [first, last) of a row; v is the row's element 0, were it there.
+static double covered_sum(const Shape *s, double x, double y, double z, int64_t first, int64_t last, const float *v) {
+    if (s->ball) return ball_sum(s->radius, x * x + y * y, z, ball_row(s->radius, x * x + y * y, z, first, last), v);
+    const Span span = row_span(s, x, y, z, last);
+    double sum = 0.0;
+    for (int64_t k = most(first, span.low); k < span.high; k++)
+        if (v[k] > 0.0f) sum += coverage(s, x, y, (double)k - z) * (double)v[k];
     return sum;
 }
 
@@ -307,42 +330,35 @@ static void mark_dirty(int64_t dirty[6], int64_t i0, int64_t i1, int64_t j0, int
 
 // ---- estimate -------------------------------------------------------------------------------------------------------
 
-// The skin of a ball in one row, where 0 < w < 1: sums of d / r and of z d / r.
-static void ball_skin(float radius, float across2, double z, const float *v, int64_t n, double *flat, double *along) {
-    float sums[LANES] = {0.0f}, moments[LANES] = {0.0f}, padded[LANES] = {0.0f};
-    for (int64_t k = 0; k < n; k += LANES) {
-        const float first = (float)(z + (double)k), *d = v + k;
-        if (k + LANES > n) d = memcpy(padded, d, (size_t)(n - k) * sizeof(float));
-        for (int l = 0; l < LANES; l++) {
-            const float at = first + (float)l, root = sqrtf(across2 + at * at), inside = 0.5f - (root - radius);
-            const float some = inside > 0.0f ? d[l] / root : 0.0f, part = inside < 1.0f ? some : 0.0f;
-            sums[l] += part;
-            moments[l] += part * at;
-        }
+// Both ends of a ball's row, where 0 < w < 1: grad M_t gains d n there, n the outward normal.
+static void ball_gradient(double radius, double x, double y, double z, BallRow row, const float *d, double gradient[3]) {
+    double flat = 0.0, along = 0.0;
+    for (int64_t k = row.low; k < row.high; k++) {
+        if (k == row.core_low) k = row.core_high;
+        if (k >= row.high) break;
+        const double at = (double)k - z, root = sqrt(x * x + y * y + at * at);
+        if (d[k] <= 0.0f || root - radius >= 0.5 || root - radius <= -0.5) continue;
+        flat += (double)d[k] / root;
+        along += (double)d[k] / root * at;
     }
-    *flat = *along = 0.0;
-    for (int l = 0; l < LANES; l++) {
-        *flat += (double)sums[l];
-        *along += (double)moments[l];
-    }
+    gradient[0] += x * flat;
+    gradient[1] += y * flat;
+    gradient[2] += along;
 }
 
-// grad M_t from one row: sum over the tool's skin of d n, n the outward normal.
-static void add_gradient(const Shape *s, double x, double y, double z, Span span, const float *d, double gradient[3]) {
+// grad M_t from one row: sum over the tool's skin of d n.
+static void add_gradient(const Shape *s, double x, double y, double z, int64_t n, const float *d, double gradient[3]) {
     if (s->ball) {
-        double flat, along;
-        ball_skin((float)s->radius, (float)(x * x + y * y), (double)span.low - z, d + span.low, span.high - span.low, &flat, &along);
-        gradient[0] += x * flat;
-        gradient[1] += y * flat;
-        gradient[2] += along;
+        ball_gradient(s->radius, x, y, z, ball_row(s->radius, x * x + y * y, z, 0, n), d, gradient);
         return;
     }
+    const Span span = row_span(s, x, y, z, n);
     for (int64_t k = span.low; k < span.high; k++) {
         const double w = coverage(s, x, y, (double)k - z);
         if (d[k] <= 0.0f || w <= 0.0 || w >= 1.0) continue;
-        double n[3];
-        normal(s, x, y, (double)k - z, n);
-        for (int a = 0; a < 3; a++) gradient[a] += (double)d[k] * n[a];
+        double outward[3];
+        normal(s, x, y, (double)k - z, outward);
+        for (int a = 0; a < 3; a++) gradient[a] += (double)d[k] * outward[a];
     }
 }
 
@@ -356,27 +372,27 @@ static void rows_of(const Shape *s, const double centre[3], int64_t i, int64_t n
 }
 
 EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out) {
-    int64_t low[3], high[3], first, last;
+    int64_t low[3], high[3], inner_low[3], inner_high[3], first, last;
     double tool_mass = 0.0, both = 0.0, gradient[3] = {0.0, 0.0, 0.0};
     const double z = t->centre[2];
     box_of(&t->surroundings, t->centre, g->shape, low, high);
+    box_of(&t->volume, t->centre, g->shape, inner_low, inner_high);
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
         rows_of(&t->surroundings, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
             const double y = (double)j - t->centre[1];
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-            const Span reach = widened(row_span(&t->surroundings, x, y, z, g->shape[2]), 0, g->shape[2]);
-            both += covered_sum(&t->surroundings, x, y, z, reach, d, 0);
+            both += covered_sum(&t->surroundings, x, y, z, 0, g->shape[2], d);
         }
+        if (i < inner_low[0] || i >= inner_high[0]) continue;
         rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
             const double y = (double)j - t->centre[1];
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-            const Span tool = widened(row_span(&t->volume, x, y, z, g->shape[2]), 0, g->shape[2]);
-            if (!any_bits(d + tool.low, tool.high - tool.low)) continue; // most of a tool has been emptied
-            tool_mass += covered_sum(&t->volume, x, y, z, tool, d, 0);
-            add_gradient(&t->volume, x, y, z, tool, d, gradient);
+            if (!any_bits(d + inner_low[2], most(0, inner_high[2] - inner_low[2]))) continue; // most of a tool has been emptied
+            tool_mass += covered_sum(&t->volume, x, y, z, 0, g->shape[2], d);
+            add_gradient(&t->volume, x, y, z, g->shape[2], d, gradient);
         }
     }
     out->tool_mass = tool_mass;
@@ -427,6 +443,11 @@ static int64_t shell_of(double distance_, int64_t shells) {
     return most(0, least(shells - 1, floor_of((0.5 - distance_) / SHELL)));
 }
 
+static int64_t shell_count(const Tool *t) {
+    const double deepest = fmin(fmin(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2));
+    return least(MAX_SHELLS, (int64_t)((deepest + 0.5) / SHELL) + 2);
+}
+
 // ---- empty ----------------------------------------------------------------------------------------------------------
 
 // What a voxel can give: the share of its mass inside the tool, w d. Packed material first fills the part of its voxel
@@ -453,69 +474,76 @@ static Cut cut_for(const double *mass, int64_t shells, double wanted) {
 // Float32 rounds all alike in uniform material, so its errors add up unless they are moved on: to the largest source.
 static void send_carry(Emptied *e, float *largest) {
     const double former = (double)*largest;
-    *largest = (float)(former + e->carry);
+    *largest = (float)fmax(former + e->carry, 0.0);
     const double sent = (double)*largest - former;
     e->mass += sent;
     e->carry -= sent;
 }
 
+// The tool's voxels that hold density, for the two looks that follow: weigh the shells, then take.
+static int64_t list_occupied(const Grid *g, const Tool *t, int64_t shells, Occupied *list) {
+    int64_t low[3], high[3], count = 0, first, last;
+    box_of(&t->volume, t->centre, g->shape, low, high);
+    for (int64_t i = low[0]; i < high[0]; i++) {
+        const double x = (double)i - t->centre[0];
+        rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
+        for (int64_t j = first; j < last; j++) {
+            const double y = (double)j - t->centre[1], z = t->centre[2];
+            const int64_t row = (i * g->shape[1] + j) * g->shape[2];
+            const float *d = g->density + row;
+            const Span span = row_span(&t->volume, x, y, z, g->shape[2]);
+            if (!any_bits(d + span.low, span.high - span.low)) continue; // most of a tool has been emptied
+            for (int64_t k = span.low; k < span.high; k++) {
+                if (d[k] <= 0.0f) continue;
+                const double far = distance(&t->volume, x, y, (double)k - z);
+                list[count++] = (Occupied){row + k, shell_of(far, shells), coverage_at(far)};
+            }
+        }
+    }
+    return count;
+}
+
 // Take mass from the innermost shells of the tool until M_t has fallen by `wanted` (paper 7, steps 2 and 4).
 EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed, Emptied *e) {
     const Frame f = frame_of(g, t, e->axis);
-    int64_t low[3], high[3], inverse[3];
     double mass[MAX_SHELLS];
-    for (int i = 0; i < 3; i++) inverse[f.axis[i]] = i;
-    const double deepest = fmin(fmin(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2));
-    const int64_t shells = least(MAX_SHELLS, (int64_t)((deepest + 0.5) / SHELL) + 2);
+    const int64_t shells = shell_count(t), count = list_occupied(g, t, shells, e->occupied);
     memset(mass, 0, (size_t)shells * sizeof(double));
-    box_of(&t->volume, t->centre, g->shape, low, high);
+    for (int64_t q = 0; q < count; q++) {
+        const Occupied *o = e->occupied + q;
+        mass[o->shell] += o->covered * available(g->density[o->index], o->covered, packed);
+    }
+    const Cut cut = cut_for(mass, shells, wanted);
     for (int i = 0; i < 3; i++) {
         e->first[i] = INT64_MAX;
         e->last[i] = INT64_MIN;
     }
     e->mass = e->tool_loss = e->reach_loss = 0.0;
     float *largest = NULL;
-    Cut cut = {0, 0.0};
-    for (int pass = 0; pass < 2; pass++) { // first weigh the shells, then take
-        for (int64_t i = low[0]; i < high[0]; i++) {
-            const double x = (double)i - t->centre[0];
-            for (int64_t j = low[1]; j < high[1]; j++) {
-                const double y = (double)j - t->centre[1], z = t->centre[2];
-                float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-                const Span span = row_span(&t->volume, x, y, z, g->shape[2]);
-                for (int64_t k = span.low; k < span.high; k++) {
-                    if (d[k] <= 0.0f) continue;
-                    const double far = distance(&t->volume, x, y, (double)k - z), w = coverage_at(far);
-                    const int64_t shell = shell_of(far, shells);
-                    if (pass == 0) {
-                        mass[shell] += w * available(d[k], w, packed);
-                        continue;
-                    }
-                    if (shell < cut.last) continue;
-                    const double part = shell > cut.last ? 1.0 : cut.part;
-                    const float taken = (float)(part * available(d[k], w, packed));
-                    if (taken <= 0.0f) continue;
-                    keep_box(g, i, i + 1, j, j + 1, k, k + 1);
-                    const double former = (double)d[k];
-                    d[k] = (float)(former - (double)taken);
-                    e->carry += former - (double)d[k] - (double)taken;
-                    const double around = coverage(&t->surroundings, x, y, (double)k - z);
-                    e->mass += (double)taken;
-                    e->tool_loss += w * (double)taken;
-                    e->reach_loss += (around - w) * (double)taken;
-                    const int64_t at[3] = {i, j, k};
-                    float *record = emptied_at(e, at[f.axis[0]], at[f.axis[1]], at[f.axis[2]]);
-                    *record = taken;
-                    if (!largest || taken > *largest) largest = record;
-                    for (int a = 0; a < 3; a++) {
-                        const int64_t slot = inverse[a];
-                        e->first[slot] = least(e->first[slot], at[a]);
-                        e->last[slot] = most(e->last[slot], at[a] + 1);
-                    }
-                }
-            }
+    for (int64_t q = 0; q < count; q++) {
+        const Occupied *o = e->occupied + q;
+        if (o->shell < cut.last) continue;
+        float *d = g->density + o->index;
+        const double w = o->covered, former = (double)*d;
+        const float taken = (float)((o->shell > cut.last ? 1.0 : cut.part) * available(*d, w, packed));
+        if (taken <= 0.0f) continue;
+        const int64_t k = o->index % g->shape[2], j = o->index / g->shape[2] % g->shape[1], i = o->index / g->shape[2] / g->shape[1];
+        const int64_t at[3] = {i, j, k};
+        keep_box(g, i, i + 1, j, j + 1, k, k + 1);
+        *d = (float)(former - (double)taken);
+        e->carry += former - (double)*d - (double)taken;
+        e->mass += (double)taken;
+        e->tool_loss += w * (double)taken;
+        // A voxel wholly in the tool is wholly in the tool and its reach together.
+        const double around = w >= 1.0 ? 1.0 : coverage(&t->surroundings, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
+        e->reach_loss += (around - w) * (double)taken;
+        float *record = emptied_at(e, at[f.axis[0]], at[f.axis[1]], at[f.axis[2]]);
+        *record = taken;
+        if (!largest || taken > *largest) largest = record;
+        for (int slot = 0; slot < 3; slot++) {
+            e->first[slot] = least(e->first[slot], at[f.axis[slot]]);
+            e->last[slot] = most(e->last[slot], at[f.axis[slot]] + 1);
         }
-        if (pass == 0) cut = cut_for(mass, shells, wanted);
     }
     if (largest) send_carry(e, largest);
 }
@@ -531,8 +559,7 @@ EXPORT void repousse_clear(Emptied *e) {
 EXPORT void repousse_put_back(Grid *g, const Tool *t, double amount, Emptied *e) {
     const Frame f = frame_of(g, t, e->axis);
     double mass[MAX_SHELLS];
-    const double deepest = fmin(fmin(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2));
-    const int64_t shells = least(MAX_SHELLS, (int64_t)((deepest + 0.5) / SHELL) + 2);
+    const int64_t shells = shell_count(t);
     memset(mass, 0, (size_t)shells * sizeof(double));
     double tool_gain = 0.0, reach_gain = 0.0;
     Cut cut = {0, 0.0};
@@ -619,41 +646,46 @@ static float *flux_at(const Sweep *s, int64_t b, int64_t c) {
     return s->flux + (b - s->origin[0]) * s->stride + (c - s->origin[1]);
 }
 
+static int64_t whole_lanes(int64_t n) { return (n + LANES - 1) / LANES * LANES; }
+
+// Around what it holds the flux buffer has FRAME cells of zeros, and more at the rows' ends, so that spreading has no edge
+// cases and works in whole LANES.
+static void lay_buffer(Sweep *s, float *buffer, const int64_t window[4]) {
+    s->flux = buffer;
+    memcpy(s->window, window, sizeof s->window);
+    s->origin[0] = window[0] - FRAME;
+    s->origin[1] = window[2] - FRAME;
+    s->stride = whole_lanes(window[3] - window[2]) + 2 * FRAME + LANES;
+    memset(buffer, 0, (size_t)((window[1] - window[0] + 2 * FRAME) * s->stride) * sizeof(float));
+}
+
+// flux'(b, c) = sum of w(i, j) flux(b - i, c - j): one row from the three around it.
+static void spread_row(const float w[9], const float *restrict above, const float *restrict here, const float *restrict below,
+                       int64_t n, float *restrict to) {
+    for (int64_t k = 0; k < whole_lanes(n); k++)
+        to[k] = w[0] * above[k + 2] + w[1] * above[k + 1] + w[2] * above[k] + w[3] * here[k + 2] + w[4] * here[k + 1] + w[5] * here[k] +
+                w[6] * below[k + 2] + w[7] * below[k + 1] + w[8] * below[k];
+}
+
 // One plane on: the flux is sheared and spread by the 3x3 kernel, and the window made to hold this plane's sources too.
 static void spread(Sweep *s, const Emptied *e, int has_sources) {
-    int64_t *w = s->window;
-    const int64_t rows = w[1] - w[0], columns = w[3] - w[2];
-    const int64_t b0 = w[0] + s->shift[0] - 1, c0 = w[2] + s->shift[1] - 1;
-    int64_t grown[4] = {b0, b0 + rows + 2, c0, c0 + columns + 2};
-    if (rows <= 0) memcpy(grown, (int64_t[4]){INT64_MAX, INT64_MIN, INT64_MAX, INT64_MIN}, sizeof grown);
-    if (has_sources) {
-        for (int i = 0; i < 2; i++) {
-            grown[2 * i] = least(grown[2 * i], e->first[1 + i]);
-            grown[2 * i + 1] = most(grown[2 * i + 1], e->last[1 + i]);
-        }
+    const Sweep former = *s;
+    const int64_t *w = former.window;
+    const int under_way = w[0] < w[1];
+    const int64_t b0 = w[0] + s->shift[0] - 1, b1 = w[1] + s->shift[0] + 1, c0 = w[2] + s->shift[1] - 1, c1 = w[3] + s->shift[1] + 1;
+    int64_t grown[4] = {INT64_MAX, INT64_MIN, INT64_MAX, INT64_MIN};
+    if (under_way) memcpy(grown, (int64_t[4]){b0, b1, c0, c1}, sizeof grown);
+    for (int i = 0; i < 2 && has_sources; i++) {
+        grown[2 * i] = least(grown[2 * i], e->first[1 + i]);
+        grown[2 * i + 1] = most(grown[2 * i + 1], e->last[1 + i]);
     }
-    const int64_t stride = grown[3] - grown[2];
-    memset(s->next, 0, (size_t)((grown[1] - grown[0]) * stride) * sizeof(float));
-    for (int64_t row = 0; row < rows + 2 && rows > 0; row++) {
-        float *to = s->next + (b0 + row - grown[0]) * stride + (c0 - grown[2]);
-        for (int64_t i = 0; i < 3; i++) {
-            if (row - i < 0 || row - i >= rows) continue;
-            const float *from = flux_at(s, w[0] + row - i, w[2]);
-            for (int64_t j = 0; j < 3; j++) {
-                const float weight = s->weights[3 * i + j];
-                if (weight == 0.0f) continue;
-                float *restrict target = to + j;
-                for (int64_t k = 0; k < columns; k++) target[k] += weight * from[k];
-            }
-        }
+    lay_buffer(s, former.next, grown);
+    s->next = former.flux;
+    for (int64_t b = b0; b < b1 && under_way; b++) {
+        const int64_t source = b - s->shift[0], column = w[2] - FRAME;
+        spread_row(s->weights, flux_at(&former, source + 1, column), flux_at(&former, source, column),
+                   flux_at(&former, source - 1, column), c1 - c0, flux_at(s, b, c0));
     }
-    float *spent = s->flux;
-    s->flux = s->next;
-    s->next = spent;
-    memcpy(w, grown, sizeof grown);
-    s->origin[0] = grown[0];
-    s->origin[1] = grown[2];
-    s->stride = stride;
 }
 
 static void add_sources(Sweep *s, const Emptied *e) {
@@ -700,9 +732,12 @@ static void trim(Sweep *s) {
     }
 }
 
-static double flux_sum(const Sweep *s, int64_t b0, int64_t b1, int64_t c0, int64_t c1) {
+static double take_flux(Sweep *s, int64_t b0, int64_t b1, int64_t c0, int64_t c1) {
     double sum = 0.0;
-    for (int64_t b = b0; b < b1; b++) sum += row_sum(flux_at(s, b, c0), c1 - c0);
+    for (int64_t b = b0; b < b1; b++) {
+        sum += row_sum(flux_at(s, b, c0), c1 - c0);
+        memset(flux_at(s, b, c0), 0, (size_t)(c1 - c0) * sizeof(float));
+    }
     return sum;
 }
 
@@ -712,8 +747,8 @@ static void bring_back(Sweep *s, int side, int at_high) {
     int64_t *low = &s->window[2 * side], *high = &s->window[2 * side + 1];
     const int64_t edge = at_high ? *high - 1 : *low, inward = at_high ? edge - 1 : edge + 1;
     if (s->border == OPEN) {
-        s->mass_out += side ? flux_sum(s, s->window[0], s->window[1], edge, edge + 1)
-                            : flux_sum(s, edge, edge + 1, s->window[2], s->window[3]);
+        s->mass_out += side ? take_flux(s, s->window[0], s->window[1], edge, edge + 1)
+                            : take_flux(s, edge, edge + 1, s->window[2], s->window[3]);
     } else if (*high - *low == 1) {
         s->origin[side] += inward - edge;
         *low = inward;
@@ -768,6 +803,18 @@ static void stop_at_band(Sweep *s, const Frame *f) {
     }
 }
 
+static int all_full(const float *d, int64_t n) {
+    const float one = 1.0f;
+    uint32_t bits = 0, full;
+    memcpy(&full, &one, sizeof full);
+    for (int64_t k = 0; k < n; k++) {
+        uint32_t word;
+        memcpy(&word, d + k, sizeof word);
+        bits |= word ^ full;
+    }
+    return bits == 0;
+}
+
 // deposit = min(flux, 1 - d) in a stretch of a row; true when anything was laid down. d and flux begin at its start.
 static int deposit(float *restrict d, float *restrict flux, int64_t n, float *restrict laid) {
     for (int64_t k = 0; k < n; k++) {
@@ -792,10 +839,7 @@ static double reach_gain(const Frame *f, double x, double y, const float *laid, 
     const double z = f->centre[2];
     const double farthest = fmax(fabs((double)first - z), fabs((double)(last - 1) - z));
     if (distance(&f->surroundings, x, y, farthest) <= -0.5 && f->surroundings.ball) return gained;
-    Span span = row_span(&f->surroundings, x, y, z, f->n[2]);
-    span.low = within(span.low, first, last);
-    span.high = within(span.high, span.low, last);
-    return covered_sum(&f->surroundings, x, y, z, widened(span, first, last), laid, first);
+    return covered_sum(&f->surroundings, x, y, z, first, last, laid - first);
 }
 
 // Fill what room this plane has outside the tool. Returns whether any flux is left.
@@ -808,6 +852,10 @@ static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
     for (int64_t b = w[0]; b < w[1]; b++) {
         const double y = (double)b - f->centre[1];
         float *d = f->stride[2] == 1 ? g->density + s->plane * f->stride[0] + b * f->stride[1] : slab_row(s, slab, s->plane, b);
+        if (all_full(d + w[2], w[3] - w[2])) { // saturated: all goes on
+            left = 1;
+            continue;
+        }
         Span tool = {w[2], w[2]};
         if (in_tool) tool = row_span(&f->volume, x, y, f->centre[2], f->n[2]);
         if (tool.low >= tool.high) tool.low = tool.high = w[2];
@@ -840,6 +888,13 @@ static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
     return left != 0;
 }
 
+// Whether there is more flux than one may send back for being negligible.
+static int stands(const Sweep *s) {
+    double sum = 0.0;
+    for (int64_t b = s->window[0]; b < s->window[1]; b++) sum += row_sum(flux_at(s, b, s->window[2]), s->window[3] - s->window[2]);
+    return sum > (double)NEGLIGIBLE;
+}
+
 // Carry the emptied mass plane by plane along the dominant axis, from the tool's rear (DESIGN 2, Dispersion).
 // Returns DONE, or NEEDS_GROWTH when mass stands at a growing border: then grow the grid, move the indices, call again.
 EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s) {
@@ -853,11 +908,11 @@ EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s
         if (!s->spread_done) {
             if (s->window[0] >= s->window[1] && !sources_ahead) break;
             if (s->plane < 0 || s->plane >= f.n[0]) {
-                const double left = flux_sum(s, s->window[0], s->window[1], s->window[2], s->window[3]);
-                if (s->border == GROW && left > (double)NEGLIGIBLE && ask_growth(s, &f, step < 0, step > 0)) {
+                if (s->border == GROW && stands(s) && ask_growth(s, &f, step < 0, step > 0)) {
                     flush_slab(g, &f, s, &slab);
                     return NEEDS_GROWTH;
                 }
+                const double left = take_flux(s, s->window[0], s->window[1], s->window[2], s->window[3]);
                 if (s->border == OPEN) s->mass_out += left;
                 else s->surplus += left;
                 break;
@@ -1070,14 +1125,15 @@ EXPORT int64_t repousse_rim_gather(const Grid *g, const Tool *t, const Sources *
                 if (!r->marks[k]) continue;
                 const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
                 const double far = distance(&t->volume, x, y, z);
-                if (1.0 - coverage_at(far) - (double)g->density[row + k] <= (double)NEARLY_FULL) continue;
+                const double room = 1.0 - coverage_at(far) - (double)g->density[row + k];
+                if (room <= (double)NEARLY_FULL) continue;
                 const int full = full_neighbours(g, t, far < 1.6, i, j, k);
                 if (!full || in_wake(t, r->direction, r->wake, x, y, z)) continue;
                 const float weight = hat_sum(&p, length, i, j, k);
                 if (weight <= 0.0f || !joined(g, t, p.centre, i, j, k)) continue;
                 if (r->count == r->capacity) return LIST_FULL;
                 r->index[r->count] = row + k;
-                r->weight[r->count++] = weight * (float)full;
+                r->weight[r->count++] = weight * (float)full * (float)fmin(room / LITTLE_ROOM, 1.0);
             }
         }
     return DONE;

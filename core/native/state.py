@@ -7,7 +7,7 @@ The numpy twins read and write the same structures, so that either kind of kerne
 from __future__ import annotations
 
 import ctypes
-from ctypes import POINTER, Structure, c_double, c_float, c_int64, c_uint8
+from ctypes import POINTER, Structure, c_double, c_float, c_int64, c_uint8, c_void_p
 from math import ceil, floor
 
 import numpy as np
@@ -65,6 +65,7 @@ class Emptied(Structure):
         ("mass", c_double),
         ("tool_loss", c_double),
         ("reach_loss", c_double),
+        ("occupied", c_void_p),
         ("carry", c_double),
     ]
 
@@ -164,7 +165,7 @@ class Workspace:
         self.grid.density = pointer(density, c_float)
         self.grid.shape[:] = density.shape
         nx, ny, nz = density.shape
-        cells = (max(nx, ny) + 4) * (max(ny, nz) + 4)
+        cells = (max(nx, ny) + 8) * (max(ny, nz) + 32)
         under_way = self._fluxes
         self._fluxes = [np.empty(cells, np.float32), np.empty(cells, np.float32)]
         for old in under_way:
@@ -190,6 +191,8 @@ class Workspace:
         self._half_box = tuple(int(ceil(e + 0.5)) for e in self.volume.extent)
         self.buffer = np.zeros(int(np.prod([2 * h + 3 for h in self._half_box])), np.float32)
         self.emptied.buffer = pointer(self.buffer, c_float)
+        self._occupied = np.empty((self.buffer.size, 3))  # 24 bytes for each voxel of the box
+        self.emptied.occupied = self._occupied.ctypes.data
         self.emptied.first[:], self.emptied.last[:] = (0, 0, 0), (0, 0, 0)
 
     def lay_box(self, axis: int) -> None:
