@@ -150,7 +150,10 @@ def write(grid: DensityGrid, path: Path, half: bool) -> None:
         fog[SHAPE] = " ".join(map(str, grid.shape))
         fog["generator"] = GENERATOR
         openvdb.write(str(part), grids=[fog], metadata={"generator": GENERATOR})
-        _directory(part)  # a full disk goes unnoticed otherwise
+        try:
+            _directory(part)
+        except FormatError as error:  # OpenVDB does not notice
+            raise FormatError(f"{path}: cannot be written whole: the disk is full, or a quota is") from error
 
 
 def _openvdb(path: Path) -> ModuleType:
