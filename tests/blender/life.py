@@ -38,6 +38,7 @@ def snapshot():
             f"{name}: {name_of(function)}"
             for name, kind in types.items()
             for function in getattr(getattr(kind, "draw", None), "_draw_funcs", ())
+            if function.__qualname__ != f"{name}.draw"  # Blender lists a menu's own once any was appended
         },
         "handlers": {
             f"{name}: {name_of(function)}"
