@@ -13,7 +13,7 @@ from . import dispersion, rim
 from .grid import BRICK, Box, DensityGrid, union
 from .history import History
 from .material import Material, largest_yield_ratio
-from .native.state import BORDERS, GROW, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
+from .native.state import BORDERS, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
 from .plasticity import Regime, contact_normal, estimate, felt_force, overloaded, regime_of
 from .recursion import disperse_recursively
 from .tool import Tool, Vector

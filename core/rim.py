@@ -25,12 +25,14 @@ WAKELESS_PASS = 4
 """From this pass on the tool's wake is no longer spared."""
 ENOUGH = 1e-3
 """Share of what was emptied that may be left over without another search."""
+PLACINGS = 3
+"""Rounds in which the surplus is laid on the voxels of one search."""
 SHORTEST_HAT = 3.0
 """Least radius of the hats, in voxels."""
 
 CLUSTERS_IN_RADIUS = 2.5
 NEARLY_FULL, LITTLE_ROOM = np.float32(1e-3), 0.02
-SIGHT_STEP, SIGHT_AIR = 1.5, 0.25
+SIGHT_INSET, SIGHT_STEP, SIGHT_SAMPLES, SIGHT_AIR = 1.5, 1.5, 16.0, 0.25
 _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 _FIRST_CAPACITY = 1 << 15
 
@@ -226,15 +228,16 @@ def _joined(work: Workspace, to: np.ndarray, index: np.ndarray) -> np.ndarray:
         ]
     )
     norm = np.maximum(np.sqrt(inward[0] ** 2 + inward[1] ** 2 + inward[2] ** 2), 1e-6)
-    start = index + SIGHT_STEP * inward / norm
+    start = index + SIGHT_INSET * inward / norm
     way = to[:, None] - start
     length = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-    samples = (length / SIGHT_STEP).astype(np.int64)
+    step = np.maximum(SIGHT_STEP, length / SIGHT_SAMPLES)
+    samples, stride = (length / step).astype(np.int64), way * (step / length)
     joined = np.ones(index.shape[1], bool)
     centre = np.reshape(work.tool.centre[:], (3, 1))
     for q in range(int(samples.max(initial=0))):
         asked = np.nonzero(joined & (q < samples))[0]
-        x = start[:, asked] + q * SIGHT_STEP / length[asked] * way[:, asked]
+        x = start[:, asked] + q * stride[:, asked]
         air = _density(work, np.floor(x + 0.5).astype(np.int64)) < SIGHT_AIR
         joined[asked[air & (work.volume.distance(*(x - centre)) > 1.0)]] = False
     return joined
@@ -242,25 +245,35 @@ def _joined(work: Workspace, to: np.ndarray, index: np.ndarray) -> np.ndarray:
 
 def _place_numpy(work: Workspace, amount: float) -> float:
     places, weights = (column[: work.rim.count] for column in work.rim_list)
-    total = float(weights.sum(dtype=np.float64))
-    if total <= 0.0:
-        return amount
     index = np.stack(np.unravel_index(places, work.density.shape))
-    share = amount / total * weights.astype(np.float64)
-    laid = np.minimum(share, np.maximum(_room(work, index), 0.0))
-    left = amount - _raise(work, index, laid)
-    spilling = index[:, share > laid]
-    spilt = (share - laid)[share > laid].astype(np.float32).astype(np.float64)
-    beside = [spilling + np.reshape(offset, (3, 1)) for offset in _NEIGHBOURS]
+    left = amount
+    for round_ in range(PLACINGS):
+        if left <= ENOUGH * amount:
+            break
+        weights[_room(work, index) <= NEARLY_FULL] = 0.0
+        total = float(weights.sum(dtype=np.float64))
+        if total <= 0.0:
+            break
+        share = left / total * weights.astype(np.float64)
+        room = np.maximum(_room(work, index), 0.0)
+        left -= _raise(work, index, np.minimum(share, room))
+        if round_ == 0:
+            spilling = share > room
+            left -= _spill_over(work, index[:, spilling], (share - room)[spilling].astype(np.float32).astype(np.float64))
+    return left
+
+
+def _spill_over(work: Workspace, index: np.ndarray, spilt: np.ndarray) -> float:
+    """What voxels could not hold goes in equal shares to their neighbours with room. Returns what these gained."""
+    beside = [index + np.reshape(offset, (3, 1)) for offset in _NEIGHBOURS]
     shape = np.reshape(work.density.shape, (3, 1))
     inside = [((b >= 0) & (b < shape)).all(axis=0) for b in beside]
     open_ = [i & (_room(work, b) > NEARLY_FULL) for b, i in zip(beside, inside, strict=True)]  # all, before any moves
     ways = sum(o.astype(np.int64) for o in open_)
-    for b, o in zip(beside, open_, strict=True):
-        # In one direction's turn each neighbour is asked by one voxel only.
-        laid = np.minimum(spilt[o] / ways[o], np.maximum(_room(work, b[:, o]), 0.0))
-        left -= _raise(work, b[:, o], laid)
-    return left
+    gained = 0.0
+    for b, o in zip(beside, open_, strict=True):  # in one direction's turn each neighbour is asked by one voxel only
+        gained += _raise(work, b[:, o], np.minimum(spilt[o] / ways[o], np.maximum(_room(work, b[:, o]), 0.0)))
+    return gained
 
 
 def _room(work: Workspace, index: np.ndarray) -> np.ndarray:

@@ -25,11 +25,16 @@
 #define SLAB_MARGIN 4        // room for the window to grow in before a slab is read again
 #define NEARLY_FULL 1e-3f    // a voxel with less room than this is full, for the rim (facts/rim.md)
 #define LITTLE_ROOM 0.02     // below this room a voxel's weight fades, so that rounding cannot switch it on and off
-#define SIGHT_STEP 1.5       // voxels between samples of the line of material
+#define PLACINGS 3           // rounds in which the surplus is laid on one list of voxels
+#define ENOUGH 1e-3          // share of it that may be left over without another round
+#define SIGHT_INSET 1.5      // voxels below the surface at which the line of material begins
+#define SIGHT_STEP 1.5       // voxels between samples of that line, or more, for at most
+#define SIGHT_SAMPLES 16.0   // so many of them
 #define SIGHT_AIR 0.25f      // density below this is air on that line
 #define CLUSTERS 9           // clusters of emptied material along each axis
 #define MAX_POINTS (CLUSTERS * CLUSTERS * CLUSTERS)
 #define CLUSTERS_IN_RADIUS 2.5
+#define STRETCH 32           // voxels of a row that are looked at together for a surface
 #define LANES 8              // running sums that the compiler may turn into vectors
 
 #define FRAME 2              // zeros around the flux
@@ -100,8 +105,9 @@ typedef struct {
 typedef struct {
     int64_t *index; // flat index of each voxel that can take material
     float *weight;
-    int64_t capacity, count;
-    uint8_t *marks;     // a byte for each voxel of a row
+    int64_t *spill_index; // those that were given more than they hold, and how much more
+    float *spill;
+    int64_t capacity, count, spilling;
     const float *zeros; // a row of air, for what lies outside the grid
     double direction[3], wake;
     int64_t dirty[6];
@@ -1051,6 +1057,11 @@ static double capacity(const Tool *t, int64_t i, int64_t j, int64_t k) {
 // How many of a voxel's six neighbours are full: only beside those does material rise.
 static int full_neighbours(const Grid *g, const Tool *t, int near, int64_t i, int64_t j, int64_t k) {
     int full = 0;
+    if (!near && i > 0 && j > 0 && k > 0 && i + 1 < g->shape[0] && j + 1 < g->shape[1] && k + 1 < g->shape[2]) {
+        const int64_t n = g->shape[2], plane = g->shape[1] * n;
+        const float *d = g->density + i * plane + j * n + k, enough = 1.0f - NEARLY_FULL;
+        return (d[plane] >= enough) + (d[-plane] >= enough) + (d[n] >= enough) + (d[-n] >= enough) + (d[1] >= enough) + (d[-1] >= enough);
+    }
     for (int q = 0; q < 6; q++) {
         const int64_t x = i + neighbours[q][0], y = j + neighbours[q][1], z = k + neighbours[q][2];
         const double cap = near ? capacity(t, x, y, z) : 1.0;
@@ -1066,6 +1077,12 @@ static int in_wake(const Tool *t, const double u[3], double wake, double x, doub
     return distance(&t->volume, x + behind * u[0], y + behind * u[1], z + behind * u[2]) < 0.5;
 }
 
+static int inside_grid(const Grid *g, const double at[3]) {
+    for (int a = 0; a < 3; a++)
+        if (at[a] < 0.0 || at[a] > (double)(g->shape[a] - 1)) return 0;
+    return 1;
+}
+
 // Whether material joins a voxel of the surface to the sources: the line from just inside it must not cross air.
 static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, int64_t j, int64_t k) {
     double inward[3], from[3], way[3], length2 = 0.0, norm2 = 0.0;
@@ -1077,63 +1094,115 @@ static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, i
     }
     const double norm = fmax(sqrt(norm2), 1e-6);
     for (int a = 0; a < 3; a++) {
-        from[a] = (double)at[a] + SIGHT_STEP * inward[a] / norm;
+        from[a] = (double)at[a] + SIGHT_INSET * inward[a] / norm;
         way[a] = to[a] - from[a];
         length2 += way[a] * way[a];
     }
-    const double length = sqrt(length2);
-    const int64_t samples = (int64_t)(length / SIGHT_STEP);
+    const double length = sqrt(length2), step = fmax(SIGHT_STEP, length / SIGHT_SAMPLES);
+    const int64_t samples = (int64_t)(length / step);
+    const int surely_inside = inside_grid(g, from) && inside_grid(g, to); // then so is all between them
+    const double part = step / length, dx = way[0] * part, dy = way[1] * part, dz = way[2] * part;
     for (int64_t q = 0; q < samples; q++) {
-        const double part = (double)q * SIGHT_STEP / length;
-        const double x = from[0] + part * way[0], y = from[1] + part * way[1], z = from[2] + part * way[2];
-        const float d = density_at(g, floor_of(x + 0.5), floor_of(y + 0.5), floor_of(z + 0.5));
+        const double x = from[0] + (double)q * dx, y = from[1] + (double)q * dy, z = from[2] + (double)q * dz;
+        const float d = surely_inside ? g->density[((int64_t)(x + 0.5) * g->shape[1] + (int64_t)(y + 0.5)) * g->shape[2] + (int64_t)(z + 0.5)]
+                                      : density_at(g, floor_of(x + 0.5), floor_of(y + 0.5), floor_of(z + 0.5));
         if (d < SIGHT_AIR && distance(&t->volume, x - t->centre[0], y - t->centre[1], z - t->centre[2]) > 1.0) return 0;
     }
     return 1;
 }
 
-// Mark the voxels of a row that are not full and have a neighbour that may be.
-static void mark_surface(const Grid *g, const Rim *r, int64_t i, int64_t j, int64_t k0, int64_t k1) {
+// A row and the four beside it, the sixth and seventh neighbours being in the row itself.
+typedef struct {
+    const float *row, *beside[4];
+} Rows;
+
+static Rows rows_around(const Grid *g, const Rim *r, int64_t i, int64_t j) {
     const int64_t n = g->shape[2], plane = g->shape[1] * n;
     const float *d = g->density + i * plane + j * n;
-    const float *above = i + 1 < g->shape[0] ? d + plane : r->zeros, *below = i > 0 ? d - plane : r->zeros;
-    const float *right = j + 1 < g->shape[1] ? d + n : r->zeros, *left = j > 0 ? d - n : r->zeros;
-    const float full = 1.0f - NEARLY_FULL, half = 0.49f;
-    const int64_t inner0 = most(k0, 1), inner1 = least(k1, n - 1);
-    uint8_t *restrict marks = r->marks;
-    for (int64_t k = inner0; k < inner1; k++)
-        marks[k] = (uint8_t)((d[k] < full) & ((above[k] >= half) | (below[k] >= half) | (right[k] >= half) | (left[k] >= half) |
-                                              (d[k - 1] >= half) | (d[k + 1] >= half)));
-    if (k0 == 0) marks[0] = 1; // the ends of the grid are few: let the exact test decide
-    if (k1 == n) marks[n - 1] = 1;
+    return (Rows){d,
+                  {i + 1 < g->shape[0] ? d + plane : r->zeros, i > 0 ? d - plane : r->zeros,
+                   j + 1 < g->shape[1] ? d + n : r->zeros, j > 0 ? d - n : r->zeros}};
 }
 
-// Collect the free surface around the contact, with W = (full neighbours) x (sum of hats of radius `length`).
+// Mark which of LANES voxels, none at the row's ends, are not full and have a neighbour of at least `enough`.
+static void mark(const Rows *rows, float enough, int64_t first, uint8_t *restrict marks) {
+    const float *d = rows->row + first, *a = rows->beside[0] + first, *b = rows->beside[1] + first;
+    const float *e = rows->beside[2] + first, *f = rows->beside[3] + first, full = 1.0f - NEARLY_FULL;
+    for (int k = 0; k < LANES; k++)
+        marks[k] = (uint8_t)((d[k] < full) & ((a[k] >= enough) | (b[k] >= enough) | (e[k] >= enough) | (f[k] >= enough) |
+                                              (d[k - 1] >= enough) | (d[k + 1] >= enough)));
+}
+
+// Nothing to mark where all is full, or where all is air.
+static int dull(const Rows *rows, int64_t k) {
+    if (all_full(rows->row + k, STRETCH)) return 1;
+    uint32_t bits = any_bits(rows->row + k - 1, STRETCH + 2);
+    for (int q = 0; q < 4 && !bits; q++) bits |= any_bits(rows->beside[q] + k, STRETCH);
+    return bits == 0;
+}
+
+// Where in a row a voxel may be beside the tool: there it is full when it fills what the tool leaves of it.
+static Span near_tool(const Tool *t, int64_t i, int64_t j) {
+    if (fabs((double)i - t->centre[0]) > extent(&t->volume, 0) + 3.0 || fabs((double)j - t->centre[1]) > extent(&t->volume, 1) + 3.0)
+        return no_span;
+    return (Span){floor_of(t->centre[2] - extent(&t->volume, 2) - 3.0), ceil_of(t->centre[2] + extent(&t->volume, 2) + 3.0)};
+}
+
+// The voxels of a row within `length` of the box around the sources.
+static Span row_of_hats(const Points *p, double length, int64_t i, int64_t j, int64_t n) {
+    const double x = fmax(fmax(p->low[0] - (double)i, (double)i - p->high[0]), 0.0);
+    const double y = fmax(fmax(p->low[1] - (double)j, (double)j - p->high[1]), 0.0), left = length * length - x * x - y * y;
+    if (left <= 0.0) return no_span;
+    const int64_t low = ceil_of(clamp(p->low[2] - sqrt(left), 0.0, (double)n));
+    return (Span){low, most(low, floor_of(clamp(p->high[2] + sqrt(left), -1.0, (double)(n - 1))) + 1)};
+}
+
+// W of one voxel = (full neighbours) x (sum of hats), or 0 where material cannot rise.
+static float rise_weight(const Grid *g, const Tool *t, const Points *p, const Rim *r, double length, int64_t i, int64_t j, int64_t k) {
+    const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
+    const double far = distance(&t->volume, x, y, z), room = 1.0 - coverage_at(far) - (double)density_at(g, i, j, k);
+    if (room <= (double)NEARLY_FULL) return 0.0f;
+    const int full = full_neighbours(g, t, far < 1.6, i, j, k);
+    if (!full || in_wake(t, r->direction, r->wake, x, y, z)) return 0.0f;
+    const float hats = hat_sum(p, length, i, j, k);
+    if (hats <= 0.0f || !joined(g, t, p->centre, i, j, k)) return 0.0f;
+    return hats * (float)full * (float)fmin(room / LITTLE_ROOM, 1.0);
+}
+
+static int64_t list_voxel(Rim *r, int64_t index, float weight) {
+    if (weight <= 0.0f) return DONE;
+    if (r->count == r->capacity) return LIST_FULL;
+    r->index[r->count] = index;
+    r->weight[r->count++] = weight;
+    return DONE;
+}
+
+// Collect the free surface around the contact: each voxel that may be part of it is asked for its weight.
 EXPORT int64_t repousse_rim_gather(const Grid *g, const Tool *t, const Sources *s, double length, Rim *r) {
     const Points p = points_of(s);
-    int64_t low[3], high[3];
+    const int64_t n = g->shape[2];
+    int64_t low[2], high[2];
     r->count = 0;
-    for (int a = 0; a < 3; a++) {
+    for (int a = 0; a < 2; a++) {
         low[a] = most(0, ceil_of(clamp(p.low[a] - length, 0.0, (double)g->shape[a])));
         high[a] = least(g->shape[a], floor_of(clamp(p.high[a] + length, -1.0, (double)g->shape[a])) + 1);
     }
     for (int64_t i = low[0]; i < high[0]; i++)
         for (int64_t j = low[1]; j < high[1]; j++) {
-            const int64_t row = (i * g->shape[1] + j) * g->shape[2];
-            mark_surface(g, r, i, j, low[2], high[2]);
-            for (int64_t k = low[2]; k < high[2]; k++) {
-                if (!r->marks[k]) continue;
-                const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
-                const double far = distance(&t->volume, x, y, z);
-                const double room = 1.0 - coverage_at(far) - (double)g->density[row + k];
-                if (room <= (double)NEARLY_FULL) continue;
-                const int full = full_neighbours(g, t, far < 1.6, i, j, k);
-                if (!full || in_wake(t, r->direction, r->wake, x, y, z)) continue;
-                const float weight = hat_sum(&p, length, i, j, k);
-                if (weight <= 0.0f || !joined(g, t, p.centre, i, j, k)) continue;
-                if (r->count == r->capacity) return LIST_FULL;
-                r->index[r->count] = row + k;
-                r->weight[r->count++] = weight * (float)full * (float)fmin(room / LITTLE_ROOM, 1.0);
+            const Span row = row_of_hats(&p, length, i, j, n), beside_tool = near_tool(t, i, j);
+            const Rows rows = rows_around(g, r, i, j);
+            for (int64_t k = row.low; k < row.high;) {
+                if (k > 0 && k + STRETCH < n && dull(&rows, k)) {
+                    k += STRETCH;
+                    continue;
+                }
+                const int64_t end = least(k + LANES, row.high);
+                uint8_t marks[LANES] = {1, 1, 1, 1, 1, 1, 1, 1}; // at the grid's ends the exact test decides
+                if (k > 0 && k + LANES < n)
+                    mark(&rows, k < beside_tool.high && end > beside_tool.low ? 0.49f : 1.0f - NEARLY_FULL, k, marks);
+                for (; k < end; k++)
+                    if (marks[LANES - (end - k)] && list_voxel(r, (i * g->shape[1] + j) * n + k, rise_weight(g, t, &p, r, length, i, j, k)) == LIST_FULL)
+                        return LIST_FULL;
             }
         }
     return DONE;
@@ -1164,38 +1233,61 @@ static double raise_voxel(Grid *g, Rim *r, int64_t i, int64_t j, int64_t k, doub
     return (double)*d - former;
 }
 
-// Lay `amount` on the gathered surface by weight; what a voxel cannot hold goes once, in equal shares, to its neighbours
-// with room. Returns what is left.
-EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) {
-    double total = 0.0, left = amount;
-    int64_t spilling = 0;
-    for (int64_t q = 0; q < r->count; q++) total += (double)r->weight[q];
-    if (total <= 0.0) return amount;
-    const double each = amount / total;
-    for (int64_t q = 0; q < r->count; q++) {
-        const int64_t at = r->index[q], k = at % g->shape[2], j = at / g->shape[2] % g->shape[1], i = at / g->shape[2] / g->shape[1];
-        const double share = each * (double)r->weight[q], room = fmax(room_at(g, t, i, j, k), 0.0);
-        const double laid = fmin(share, room);
-        left -= raise_voxel(g, r, i, j, k, laid);
-        if (share > laid) { // reuse the front of the list for the voxels that spill
-            r->index[spilling] = at;
-            r->weight[spilling++] = (float)(share - laid);
-        }
+static void voxel_at(const Grid *g, int64_t index, int64_t at[3]) {
+    at[2] = index % g->shape[2];
+    at[1] = index / g->shape[2] % g->shape[1];
+    at[0] = index / g->shape[2] / g->shape[1];
+}
+
+// What voxels of the list could not hold goes in equal shares to their neighbours with room. Returns what is left of it.
+static double spill_over(Grid *g, const Tool *t, Rim *r) {
+    double left = 0.0;
+    int64_t at[3];
+    for (int64_t q = 0; q < r->spilling; q++) { // choose all before moving any
+        voxel_at(g, r->spill_index[q], at);
+        r->spill_index[q] = r->spill_index[q] << 6 | open_neighbours(g, t, at[0], at[1], at[2]);
     }
-    for (int64_t q = 0; q < spilling; q++) { // choose all before moving any
-        const int64_t at = r->index[q], k = at % g->shape[2], j = at / g->shape[2] % g->shape[1], i = at / g->shape[2] / g->shape[1];
-        r->index[q] = at << 6 | open_neighbours(g, t, i, j, k);
-    }
-    for (int64_t q = 0; q < spilling; q++) {
-        const int64_t at = r->index[q] >> 6, k = at % g->shape[2], j = at / g->shape[2] % g->shape[1], i = at / g->shape[2] / g->shape[1];
-        int open = 0;
-        for (int n = 0; n < 6; n++) open += r->index[q] >> n & 1;
+    for (int64_t q = 0; q < r->spilling; q++) {
+        const int64_t open = r->spill_index[q] & 63;
+        int ways = 0;
+        voxel_at(g, r->spill_index[q] >> 6, at);
+        left += (double)r->spill[q];
+        for (int n = 0; n < 6; n++) ways += open >> n & 1;
         for (int n = 0; n < 6; n++) {
-            if (!(r->index[q] >> n & 1)) continue;
-            const int64_t x = i + neighbours[n][0], y = j + neighbours[n][1], z = k + neighbours[n][2];
-            const double laid = fmin((double)r->weight[q] / open, fmax(room_at(g, t, x, y, z), 0.0));
-            left -= raise_voxel(g, r, x, y, z, laid);
+            if (!(open >> n & 1)) continue;
+            const int64_t x = at[0] + neighbours[n][0], y = at[1] + neighbours[n][1], z = at[2] + neighbours[n][2];
+            left -= raise_voxel(g, r, x, y, z, fmin((double)r->spill[q] / ways, fmax(room_at(g, t, x, y, z), 0.0)));
         }
+    }
+    return left;
+}
+
+// Lay `amount` on the gathered surface by weight. What a voxel cannot hold goes over to its neighbours once; what then
+// is left is laid on the voxels of the list that still have room. Returns what is left of that.
+EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) {
+    double left = amount;
+    int64_t at[3];
+    for (int round = 0; round < PLACINGS && left > ENOUGH * amount; round++) {
+        double total = 0.0;
+        for (int64_t q = 0; q < r->count; q++) {
+            voxel_at(g, r->index[q], at);
+            if (room_at(g, t, at[0], at[1], at[2]) <= (double)NEARLY_FULL) r->weight[q] = 0.0f;
+            total += (double)r->weight[q];
+        }
+        if (total <= 0.0) break;
+        const double each = left / total;
+        r->spilling = 0;
+        for (int64_t q = 0; q < r->count; q++) {
+            if (r->weight[q] <= 0.0f) continue;
+            voxel_at(g, r->index[q], at);
+            const double share = each * (double)r->weight[q], room = fmax(room_at(g, t, at[0], at[1], at[2]), 0.0);
+            left -= raise_voxel(g, r, at[0], at[1], at[2], fmin(share, room));
+            if (share <= room || round > 0) continue;
+            r->spill_index[r->spilling] = r->index[q];
+            r->spill[r->spilling++] = (float)(share - room);
+            left -= (double)r->spill[r->spilling - 1];
+        }
+        left += spill_over(g, t, r);
     }
     return left;
 }

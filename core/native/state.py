@@ -112,9 +112,11 @@ class Rim(Structure):
     _fields_ = [
         ("index", POINTER(c_int64)),
         ("weight", POINTER(c_float)),
+        ("spill_index", POINTER(c_int64)),
+        ("spill", POINTER(c_float)),
         ("capacity", c_int64),
         ("count", c_int64),
-        ("marks", POINTER(c_uint8)),
+        ("spilling", c_int64),
         ("zeros", POINTER(c_float)),
         ("direction", c_double * 3),
         ("wake", c_double),
@@ -175,9 +177,8 @@ class Workspace:
         self._row = np.empty(max(density.shape) + 8, np.float32)
         self._slab = np.empty(SLAB_PLANES * nx * ny, np.float32)
         self.sweep.row, self.sweep.slab = pointer(self._row, c_float), pointer(self._slab, c_float)
-        self._marks = np.zeros(nz, np.uint8)
         self._zeros = np.zeros(nz, np.float32)
-        self.rim.marks, self.rim.zeros = pointer(self._marks, c_uint8), pointer(self._zeros, c_float)
+        self.rim.zeros = pointer(self._zeros, c_float)
 
     def keep(self, low, high) -> None:
         """Copy the bricks of a box before it is written for the first time, if anyone asked for before-images."""
@@ -209,9 +210,10 @@ class Workspace:
 
     def reserve_rim(self, capacity: int) -> None:
         """Make the rim's list hold ``capacity`` voxels."""
-        self._index = np.empty(capacity, np.int64)
-        self._weight = np.empty(capacity, np.float32)
+        self._index, self._spill_index = np.empty((2, capacity), np.int64)
+        self._weight, self._spill = np.empty((2, capacity), np.float32)
         self.rim.index, self.rim.weight = pointer(self._index, c_int64), pointer(self._weight, c_float)
+        self.rim.spill_index, self.rim.spill = pointer(self._spill_index, c_int64), pointer(self._spill, c_float)
         self.rim.capacity = capacity
 
     @property
