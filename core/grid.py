@@ -68,7 +68,8 @@ class DensityGrid:
         low, high = float(given.min()), float(given.max())
         if not (low >= 0.0 and high <= 1.0):  # written so that NaN fails too
             raise ValueError(f"density must lie in [0, 1], but goes from {low:g} to {high:g}: give a window")
-        self.density = np.array(given, dtype=np.float32, order="C", copy=self.copy or None)
+        make = np.array if self.copy else np.asarray  # copy=None is numpy 2's, and Blender 4.5 has numpy 1.26
+        self.density = make(given, dtype=np.float32, order="C")
         self.transform = np.eye(4) if self.transform is None else np.array(self.transform, dtype=np.float64)
         if self.transform.shape != (4, 4) or not np.isfinite(self.transform).all():
             raise ValueError("a transform is a finite 4x4 matrix from voxel indices to the world")
