@@ -8,6 +8,7 @@ BPY ?=
 BLENDER ?= blender
 INPUT ?=
 PLATFORMS ?= all
+TESTS ?= tests --ignore tests/bench
 
 VENV := .venv$(if $(BPY),-bpy$(BPY))
 PYTHON := $(VENV)/bin/python
@@ -17,7 +18,7 @@ PYTEST := $(PYTHON) -m pytest -c tests/pytest.ini
 
 help:
 	@echo 'make demo [INPUT=FILE]           push a stroke into Suzanne, or into a .pvm or .vdb: out/demo.vdb, out/demo.png'
-	@echo 'make test                        all tests, with the bpy wheel'
+	@echo 'make test [TESTS=tests/core]     all tests, or some, with the bpy wheel'
 	@echo 'make test-blender BLENDER=PATH   the Blender tests in a real Blender, on the built and installed extension'
 	@echo 'make figures                     the figures of the paper, into out/figures'
 	@echo 'make bench                       speed, into out/bench'
@@ -34,7 +35,7 @@ demo: setup
 	@$(PYTHON) tests/bench/demo.py $(if $(INPUT),"$(INPUT)")
 
 test: setup
-	@$(PYTEST) tests --ignore tests/bench
+	@$(PYTEST) $(TESTS)
 
 test-blender: setup
 	@$(PYTHON) tests/blender/run.py "$(BLENDER)"
