@@ -21,19 +21,21 @@ from ..core import DensityGrid
 bpy.utils.expose_bundled_modules()
 import openvdb  # noqa: E402  Blender's own module is found from here on
 
-SIZE = 720
-"""Pixels along the edge of each of the two pictures."""
+SIZE = (800, 680)
+"""Width and height in pixels of each of the two pictures."""
 SAMPLES = 16
 LENS = 85.0
 """Millimetres on a 36 mm sensor: long enough not to bend the subject."""
+FILL = 0.94
+"""Share of the picture that the subject may take."""
 CLAY = (0.50, 0.235, 0.145, 1.0)
 BACKDROP = ((0.93, 0.92, 0.90), (0.70, 0.695, 0.69))
 """sRGB colours at the middle and in the corners."""
 LIGHTS = {
     # name: (right, up, towards the camera) from the subject, strength in W/m2, colour, angle in radians.
-    "key": ((-0.85, 0.62, 0.34), 4.2, (1.0, 0.93, 0.84), 0.10),  # grazes, so that a rim throws a shadow
-    "fill": ((0.75, -0.15, 0.85), 0.55, (0.80, 0.88, 1.0), 0.8),
-    "rim": ((0.80, 0.45, -0.75), 3.0, (0.90, 0.95, 1.0), 0.15),
+    "key": ((-0.95, 0.50, 0.28), 4.6, (1.0, 0.93, 0.84), 0.10),  # grazes, so that a rim throws a shadow
+    "fill": ((0.60, -0.25, 0.85), 1.0, (0.80, 0.88, 1.0), 0.8),
+    "rim": ((0.80, 0.45, -0.85), 2.6, (0.90, 0.95, 1.0), 0.15),
 }
 
 
@@ -45,7 +47,7 @@ def before_after(
     low: np.ndarray | None = None,
     high: np.ndarray | None = None,
 ) -> None:
-    """Render two volumes with one camera, side by side, into a .png of 2 SIZE x SIZE pixels.
+    """Render two volumes with one camera, side by side, into a .png of twice SIZE's width.
 
     ``towards`` (3,) points, in the world, from the material to the side to look from; None looks from the front.
     ``low`` and ``high`` are the corners, in voxels of ``before``, of what the camera is to keep in view and dwell on.
@@ -126,7 +128,7 @@ def _settings(scene: bpy.types.Scene) -> None:
 
     render = scene.render
     render.engine = "CYCLES"
-    render.resolution_x = render.resolution_y = SIZE
+    render.resolution_x, render.resolution_y = SIZE
     render.resolution_percentage = 100
     render.film_transparent = True
     render.image_settings.file_format = "PNG"
@@ -150,34 +152,42 @@ def _frame(
     high: np.ndarray | None,
 ) -> None:
     """A camera on the side that was pushed, a little from above and aside, and lights that go with it."""
-    lowest, highest = points.min(axis=0), points.max(axis=0)
-    centre, radius = 0.5 * (lowest + highest), 0.5 * float(np.linalg.norm(highest - lowest))
-    view = Vector((0.0, -1.0, 0.0) if towards is None or not np.any(towards) else towards).normalized()
-    up = Vector((0.0, 0.0, 1.0)) if abs(view.z) < 0.8 else Vector((0.0, 1.0, 0.0))
-    right = up.cross(view).normalized()
-    view = (view + 0.28 * right + 0.25 * up).normalized()
-    if low is not None and high is not None:
-        corners = np.array([low, high], dtype=np.float64) @ transform[:3, :3].T + transform[:3, 3]
-        pushed = 0.5 * float(np.linalg.norm(corners[1] - corners[0]))
-        share = min(1.0, max(0.5, 1.6 * pushed / radius))
-        centre = share * centre + (1.0 - share) * corners.mean(axis=0)
-        radius *= share
-    right = up.cross(view).normalized()
-    basis = Matrix((right, view.cross(right), view)).transposed()
+    outward = np.zeros(3) if towards is None else np.array(towards, np.float64)
+    outward = outward / np.linalg.norm(outward) if outward.any() else np.array((0.0, -1.0, 0.0))
+    up, front = np.array((0.0, 0.0, 1.0)), np.array((0.0, -1.0, 0.0))
+    eye = outward + 0.7 * abs(outward[2]) * front  # what is pushed from above is seen from above and from the front
+    right = np.cross(up, eye)
+    right /= np.linalg.norm(right)
+    view = eye + 0.3 * right + 0.15 * up
+    view /= np.linalg.norm(view)
+    right = np.cross(up, view)
+    right /= np.linalg.norm(right)
+    basis = np.stack([right, np.cross(view, right), view], axis=1)
 
     lens = bpy.data.cameras.new("Repoussé")
     lens.lens = LENS
-    distance = float(0.82 * radius / np.tan(0.5 * lens.angle))
+    tangent = np.tan(0.5 * lens.angle) * FILL * np.array((1.0, SIZE[1] / SIZE[0]))
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    seen = (points - centre) @ basis
+    distance = float(((np.abs(seen[:, :2]) / tangent).max(axis=1) + seen[:, 2]).max())
+    if low is not None and high is not None:  # a small push in a large volume: go up to it, by half at most
+        corners = np.array([low, high], dtype=np.float64) @ transform[:3, :3].T + transform[:3, 3]
+        pushed = 0.5 * float(np.linalg.norm(corners[1] - corners[0]))
+        share = min(1.0, max(0.55, 2.2 * pushed / (tangent[1] * distance)))
+        centre = share * centre + (1.0 - share) * corners.mean(axis=0)
+        distance *= share
+    camera_matrix = np.eye(4)
+    camera_matrix[:3, :3], camera_matrix[:3, 3] = basis, centre + distance * view
     lens.clip_start, lens.clip_end = 0.01 * distance, 100.0 * distance
     camera = bpy.data.objects.new("Repoussé", lens)
-    camera.matrix_world = Matrix.Translation(Vector(centre) + distance * view) @ basis.to_4x4()
+    camera.matrix_world = Matrix(camera_matrix.tolist())
     scene.collection.objects.link(camera)
     scene.camera = camera
     for name, (direction, strength, colour, angle) in LIGHTS.items():
         sun = bpy.data.lights.new(name, "SUN")
         sun.energy, sun.color, sun.angle = strength, colour, angle
         lamp = bpy.data.objects.new(name, sun)
-        lamp.matrix_world = (basis @ Vector(direction)).to_track_quat("Z", "Y").to_matrix().to_4x4()
+        lamp.matrix_world = Vector(basis @ direction).to_track_quat("Z", "Y").to_matrix().to_4x4()
         scene.collection.objects.link(lamp)
 
 
@@ -230,8 +240,8 @@ def _pixels_of(path: Path) -> np.ndarray:
 
 
 def _backdrop() -> np.ndarray:
-    across = np.linspace(-1.0, 1.0, SIZE, dtype=np.float32)
-    share = np.clip(0.5 * (across[:, None] ** 2 + across[None, :] ** 2), 0.0, 1.0)[..., None]
+    across, up = (np.linspace(-1.0, 1.0, pixels, dtype=np.float32) for pixels in SIZE)
+    share = (0.5 * (up[:, None] ** 2 + across[None, :] ** 2))[..., None]
     middle, corners = np.array(BACKDROP, np.float32)
     return middle * (1.0 - share) + corners * share
 
