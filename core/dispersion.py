@@ -17,7 +17,7 @@ import numpy as np
 from .grid import BRICK
 from .native.state import DONE, GROW, NEEDS_GROWTH, OPEN, ORDERS, Workspace
 from .plasticity import box_around
-from .tool import Shape
+from .tool import Shape, Vector, vector
 
 DISPERSION = 0.3
 """D: variance across the push that one voxel of travel adds to the flux."""
@@ -29,9 +29,6 @@ NEGLIGIBLE = np.float32(1e-4)
 """Flux below this at an edge of the window is folded inward, never dropped."""
 
 _WEIGHT_UNIT = 2.0**-24
-
-
-Direction = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -46,14 +43,14 @@ class Spreading:
     weights: tuple[float, ...]
 
 
-def dominant_axis(direction: Direction) -> int:
+def dominant_axis(direction: Vector) -> int:
     """The axis along which ``direction`` is largest: the one that is swept along."""
     lengths = [abs(d) for d in direction]
     return lengths.index(max(lengths))
 
 
-def spreading(direction: Direction, axis: int) -> Spreading:
-    """The spreading kernel for unit direction u: mean s = (u_b, u_c)/|u_a|, covariance (D/|u_a|)(I + s s^T) (DESIGN 2)."""
+def spreading(direction: Vector, axis: int) -> Spreading:
+    """The spreading kernel for unit direction u: mean s = (u_b, u_c)/|u_a|, covariance (D/|u_a|)(I + s s^T)."""
     per_plane = 1.0 / abs(direction[axis])
     shear = [direction[across] * per_plane for across in ORDERS[axis][1:]]
     shift = [int(s + copysign(0.5, s)) for s in shear]  # symmetric at ties, as round-half-even is not
@@ -110,7 +107,7 @@ def forget_emptied(work: Workspace) -> None:
         work.emptied_box[:] = 0.0
 
 
-def aim(work: Workspace, direction: Direction, axis: int, border: int, band: float | None) -> None:
+def aim(work: Workspace, direction: Vector, axis: int, border: int, band: float | None) -> None:
     """Make ready for sweeps along unit vector ``direction``; ``band`` is in voxels ahead of the tool."""
     sweep, kernel = work.sweep, spreading(direction, axis)
     sweep.direction[:] = direction
@@ -142,7 +139,7 @@ def sweep(work: Workspace) -> int:
     return status
 
 
-def _front(shape: Shape, direction: Direction) -> float:
+def _front(shape: Shape, direction: Vector) -> float:
     """How far a shape reaches along a direction from its centre (its support function), in voxels."""
     box = sum(h * abs(u) for h, u in zip(shape.half_size, direction, strict=True))
     return box + abs(sum(a * u for a, u in zip(shape.half_axis, direction, strict=True))) + shape.radius
@@ -222,7 +219,7 @@ def _put_back_numpy(work: Workspace, amount: float) -> None:
 
 def _permuted(shape: Shape, order: tuple[int, int, int]) -> Shape:
     """The shape with its axes in the order (a, b, c)."""
-    half_size, half_axis = (tuple(vector[a] for a in order) for vector in (shape.half_size, shape.half_axis))
+    half_size, half_axis = (vector(side[a] for a in order) for side in (shape.half_size, shape.half_axis))
     return Shape(half_size, half_axis, shape.radius)
 
 

@@ -55,7 +55,7 @@ class DensityGrid:
     """
 
     density: np.ndarray
-    transform: np.ndarray | None = None
+    transform: np.ndarray = field(default_factory=lambda: np.eye(4))
     name: str = "density"
     metadata: dict[str, str | int | float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -70,7 +70,7 @@ class DensityGrid:
             raise ValueError(f"density must lie in [0, 1], but goes from {low:g} to {high:g}: give a window")
         make = np.array if self.copy else np.asarray  # copy=None is numpy 2's, and Blender 4.5 has numpy 1.26
         self.density = make(given, dtype=np.float32, order="C")
-        self.transform = np.eye(4) if self.transform is None else np.array(self.transform, dtype=np.float64)
+        self.transform = np.array(self.transform, dtype=np.float64)
         if self.transform.shape != (4, 4) or not np.isfinite(self.transform).all():
             raise ValueError("a transform is a finite 4x4 matrix from voxel indices to the world")
         axes = self.transform[:3, :3]

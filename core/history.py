@@ -7,6 +7,7 @@ taken only for the bricks that are kept: the system gives a page when it is firs
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import c_float, c_int64, c_uint8
 
 import numpy as np
@@ -48,6 +49,11 @@ class History:
         """Memory that the kept bricks take."""
         return self.bricks * BRICK**3 * 4
 
+    def origin_in(self, origin: tuple[int, int, int]) -> tuple[int, int, int]:
+        """Where the first voxel lay when this began, in the frame in which it now lies at ``origin``."""
+        x, y, z = (int(o + b) for o, b in zip(origin, self._offset, strict=True))
+        return x, y, z
+
     def attach(self, work: Workspace) -> None:
         """From now on the kernels keep bricks here."""
         work.history = self
@@ -59,7 +65,7 @@ class History:
         work.history = None
         work.grid.kept = None
 
-    def keep(self, low, high) -> None:
+    def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
         """Copy the bricks of the half-open box [low, high) that are not kept yet (the numpy kernels' door)."""
         first, last = np.array(low) // BRICK, (np.array(high) - 1) // BRICK + 1
         block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import byref
 from enum import Enum
 from math import hypot
@@ -17,7 +18,8 @@ RELAXED = 2e-3
 and a stress that is corrected by less than this is corrected for nothing a hand can feel (its threshold is 8 %)."""
 
 FADE = 1.0
-"""|grad M_t| in voxels' worth per voxel below which the contact normal fades: in uniform surroundings it does not flip."""
+"""|grad M_t| (voxels' worth per voxel) below which the contact normal fades, so that it does not flip in uniform
+surroundings."""
 
 
 class Regime(Enum):
@@ -75,7 +77,9 @@ def estimate(work: Workspace) -> None:
         _estimate_numpy(work)
 
 
-def box_around(shape: Shape, centre, limits) -> tuple[tuple[slice, slice, slice], list[np.ndarray]]:
+def box_around(
+    shape: Shape, centre: Sequence[float], limits: Sequence[int]
+) -> tuple[tuple[slice, slice, slice], list[np.ndarray]]:
     """The voxels of a grid that a shape may cover: slices, and their offsets from its centre as three open axes."""
     slices, offsets = [], []
     for axis, (extent, n) in enumerate(zip(shape.extent, limits, strict=True)):

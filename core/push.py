@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil, dist, hypot, isfinite, nan
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +18,10 @@ from .material import Material, largest_yield_ratio
 from .native.state import BORDERS, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
 from .plasticity import Regime, contact_normal, estimate, felt_force, overloaded, regime_of
 from .recursion import disperse_recursively
-from .tool import Tool, Vector
+from .tool import Tool, Vector, vector
+
+if TYPE_CHECKING:
+    from .stroke import Stroke
 
 METHODS = ("sweep", "recursive")
 LONGEST_STEP = 0.5
@@ -129,11 +134,11 @@ class Push:
         """Take the tool out: the next position is a new contact, not a move."""
         self._position: Vector | None = None
         self._solved: Vector | None = None  # where the last estimate was made; None asks for a new one
-        self._turned_at: Vector | None = None
+        self._turned_at: Vector | None = None  # where density moved last, or where the contact began
         self._direction: Vector | None = None
         self._contact = Contact(Regime.NONE, 0.0, 0.0, np.zeros(3))
 
-    def move_to(self, position, radius: float | None = None, continuous: bool = False) -> Contact:
+    def move_to(self, position: Iterable[float], radius: float | None = None, continuous: bool = False) -> Contact:
         """Move the tool to ``position`` (x, y, z) in voxels, in solves of at most half a voxel.
 
         ``radius`` is the tool's from here on, its reach in proportion. A jump of more than a tool's diameter lifts the
@@ -153,7 +158,7 @@ class Push:
         self._contact = self._joined([self._solve(step) for step in self._steps_to(target)])
         return self._contact
 
-    def follow(self, stroke) -> list[Contact]:
+    def follow(self, stroke: Stroke) -> list[Contact]:
         """Move through every sample of a Stroke."""
         return [self.move_to(s.position, s.radius, stroke.continuous) for s in stroke.samples]
 
@@ -165,7 +170,7 @@ class Push:
 
     def restore(self, history: History) -> None:
         """Make the grid what it was when ``history`` began, bit for bit, and lift the tool."""
-        self.origin = tuple(int(o + s) for o, s in zip(self.origin, history._offset, strict=True))
+        self.origin = history.origin_in(self.origin)
         history.restore(self.grid)
         history.detach(self._work)
         self._work.attach(self.grid.density)
@@ -214,7 +219,7 @@ class Push:
         normal = contact_normal((masses.gradient[0], masses.gradient[1], masses.gradient[2]))
         moved = None
         if overloaded(stress, yield_stress):
-            self._direction = self._push_direction(position, normal)
+            self._direction = self._push_direction(position, self._turned_at, normal)
             if self._direction is not None:
                 moved = self._relax(self._direction)
                 stress, yield_stress = self.k_t * masses.tool_mass, self.k_s * masses.reach_mass
@@ -237,11 +242,11 @@ class Push:
         )
         return self._contact
 
-    def _push_direction(self, position: Vector, normal: Vector) -> Vector | None:
+    def _push_direction(self, position: Vector, turned_at: Vector, normal: Vector) -> Vector | None:
         """u: the displacement since the last dispersion, else the previous u, else into the contact (DESIGN 2)."""
-        length = dist(position, self._turned_at)
+        length = dist(position, turned_at)
         if length >= TURNING_STEP:
-            return _scaled(position, self._turned_at, 1.0 / length)
+            return _scaled(position, turned_at, 1.0 / length)
         if self._direction is not None:
             return self._direction
         return _scaled((0.0, 0.0, 0.0), normal, 1.0) if hypot(*normal) >= 1.0 - 1e-9 else None
@@ -337,12 +342,13 @@ class Push:
         if any(below) or any(above):
             self._grow(below, above)
 
-    def _grow(self, below, above) -> None:
+    def _grow(self, below: Sequence[int], above: Sequence[int]) -> None:
         """Pad the grid in whole bricks; everything that is under way follows."""
         work = self._work
         below = (int(below[0]), int(below[1]), int(below[2]))
         self.grid.grow(below, (int(above[0]), int(above[1]), int(above[2])))
-        self.origin = tuple(o - b for o, b in zip(self.origin, below, strict=True))
+        x, y, z = self.origin
+        self.origin = (x - below[0], y - below[1], z - below[2])
         work.attach(self.grid.density)
         work.moved(below)
         if work.history is not None:
@@ -352,8 +358,8 @@ class Push:
     def _in_pose_frame(self, box: Box | None) -> Box | None:
         if box is None:
             return None
-        low, high = (tuple(int(v) + o for v, o in zip(end, self.origin, strict=True)) for end in box)
-        return low, high
+        (x, y, z), ((i0, j0, k0), (i1, j1, k1)) = self.origin, box
+        return (i0 + x, j0 + y, k0 + z), (i1 + x, j1 + y, k1 + z)
 
     @staticmethod
     def _joined(parts: list[Contact]) -> Contact:
@@ -377,25 +383,23 @@ class Push:
         )
 
 
-def _checked(position) -> Vector:
+def _checked(position: Iterable[float]) -> Vector:
     try:
-        x, y, z = (float(v) for v in position)
+        checked = vector(position)
     except (TypeError, ValueError):
-        x = y = z = nan
-    if not (isfinite(x) and isfinite(y) and isfinite(z)):
+        checked = (nan, nan, nan)
+    if not all(isfinite(v) for v in checked):
         raise ValueError(f"a position is three finite numbers of voxels, not {position}")
-    return x, y, z
+    return checked
 
 
 def _between(start: Vector, end: Vector, part: float) -> Vector:
-    x, y, z = (a + (b - a) * part for a, b in zip(start, end, strict=True))
-    return x, y, z
+    return vector(a + (b - a) * part for a, b in zip(start, end, strict=True))
 
 
 def _scaled(end: Vector, start: Vector, factor: float) -> Vector:
     """factor x (end - start)"""
-    x, y, z = ((b - a) * factor for a, b in zip(start, end, strict=True))
-    return x, y, z
+    return vector((b - a) * factor for a, b in zip(start, end, strict=True))
 
 
 @dataclass

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .grid import Box
-from .native.state import Workspace, pointer
+from .native.state import Workspace, box_from, pointer
 from .plasticity import RELAXED, box_around, overloaded
 
 BUDGET = 50_000_000
@@ -27,6 +27,8 @@ FORWARD = 0.5
 
 
 class RecursionState(Structure):
+    """Recursion of kernels.c."""
+
     _fields_ = [
         ("voxels", POINTER(c_int64)),
         ("count", c_int64),
@@ -58,7 +60,7 @@ class Outcome:
 
 
 def forward_neighbours(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets (n, 3) int64 of the forward neighbours among the 26, and their shares (n,), proportional to the cosine."""
+    """Offsets (n, 3) int64 of the forward neighbours among the 26, and their shares (n,), by cosine."""
     offsets = np.array([o for o in np.ndindex(3, 3, 3) if o != (1, 1, 1)], np.int64) - 1
     cosine = offsets @ direction / np.linalg.norm(offsets, axis=1)
     forward = cosine > FORWARD + 1e-9
@@ -106,9 +108,9 @@ def disperse_recursively(work: Workspace, direction: np.ndarray, kappa: float, o
         )
     kept = _return_aside(work, before, voxels, state.aside)
     changed = np.nonzero(work.density != before)
-    dirty = (
-        (tuple(int(i.min()) for i in changed), tuple(int(i.max()) + 1 for i in changed)) if len(changed[0]) else None
-    )
+    dirty = None
+    if len(changed[0]):
+        dirty = box_from([int(i.min()) for i in changed] + [int(i.max()) + 1 for i in changed])
     return Outcome(state.emptied, state.mass_out, kept, state.calls, before, dirty)
 
 
@@ -125,9 +127,9 @@ def _return_aside(work: Workspace, before: np.ndarray, voxels: np.ndarray, aside
     return aside - left
 
 
-def _weights_at(work: Workspace, index: tuple[int, int, int]) -> tuple[float, float]:
+def _weights_at(work: Workspace, index: tuple[int, ...]) -> tuple[float, float]:
     """(w_t, w_s - w_t) of one voxel."""
-    at = [np.float64(i - c) for i, c in zip(index, work.tool.centre, strict=True)]
+    at = [np.array(i - c) for i, c in zip(index, work.tool.centre, strict=True)]
     inside = float(work.volume.coverage(*at))
     return inside, float(work.surroundings.coverage(*at)) - inside
 
@@ -137,7 +139,7 @@ def _recursive_python(
 ) -> None:
     density, masses, shape = work.density, work.estimate, work.density.shape
 
-    def pass_on(voxel: tuple[int, int, int], amount: float) -> None:
+    def pass_on(voxel: tuple[int, ...], amount: float) -> None:
         state.calls += 1
         for offset, weight in zip(offsets.tolist(), weights.tolist(), strict=True):
             if state.calls > state.budget:

@@ -259,7 +259,9 @@ def _place_numpy(work: Workspace, amount: float) -> float:
         left -= _raise(work, index, np.minimum(share, room))
         if round_ == 0:
             spilling = share > room
-            left -= _spill_over(work, index[:, spilling], (share - room)[spilling].astype(np.float32).astype(np.float64))
+            left -= _spill_over(
+                work, index[:, spilling], (share - room)[spilling].astype(np.float32).astype(np.float64)
+            )
     return left
 
 

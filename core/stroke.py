@@ -10,17 +10,22 @@ import dataclasses
 import hashlib
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from math import dist
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .grid import DensityGrid
 from .material import Material
 from .push import LONGEST_STEP, Push
-from .tool import BoxTool, CapsuleTool, SphereTool, Tool
+from .tool import BoxTool, CapsuleTool, SphereTool, Tool, vector
 
 SCHEMA = 1
+PACE = 100.0
+"""Voxels a second at which a drawn line is taken to be walked."""
 MOST_SAMPLES = 10_000_000
 """A file with more poses than this is refused: hours of an arm at 1 kHz."""
 
@@ -64,14 +69,16 @@ class Stroke:
     grid_hash: str | None = None
 
     @classmethod
-    def line(cls, start, end, step: float = LONGEST_STEP, **header) -> Stroke:
+    def line(cls, start: Iterable[float], end: Iterable[float], step: float = LONGEST_STEP, **header: Any) -> Stroke:
         """A straight path from ``start`` to ``end`` (voxels), a sample every ``step`` voxels and one at the end.
 
-        ``header`` are further fields of the stroke. Time is taken to pass at 100 voxels a second.
+        ``header`` are further fields of the stroke.
         """
         if not (np.isfinite(step) and step > 0.0):
             raise ValueError(f"the step is a positive number of voxels, not {step:g}")
-        return cls([_sample_at(0.0, start), _sample_at(_seconds(start, end), end)], **header).resample(step)
+        begin, finish = vector(start), vector(end)
+        samples = [Sample(0.0, begin), Sample(dist(begin, finish) / PACE, finish)]
+        return cls(samples, **header).resample(step)
 
     def resample(self, step: float) -> Stroke:
         """The same path with a sample every ``step`` voxels of its length, and its two ends."""
@@ -106,10 +113,9 @@ class Stroke:
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the file, whole or not at all."""
-        header = {"repousse_stroke": SCHEMA, "tool": {"kind": self.tool.kind, **dataclasses.asdict(self.tool)}}
-        header["material"] = dataclasses.asdict(self.material)
-        for name in _HEADER:
-            header[name] = getattr(self, name)
+        tool = {"kind": self.tool.kind, **vars(self.tool)}
+        header = {"repousse_stroke": SCHEMA, "tool": tool, "material": vars(self.material)}
+        header |= {name: getattr(self, name) for name in _HEADER}
         lines = [json.dumps(header)] + [json.dumps(dataclasses.asdict(s)) for s in self.samples]
         path = Path(path)
         unfinished = path.with_name(path.name + f".{os.getpid()}.part")
@@ -154,15 +160,6 @@ def hash_of(grid: DensityGrid) -> str:
     return digest.hexdigest()
 
 
-def _seconds(start, end) -> float:
-    return float(np.linalg.norm(np.subtract(end, start))) / 100.0
-
-
-def _sample_at(time: float, position) -> Sample:
-    x, y, z = (float(v) for v in position)
-    return Sample(time, (x, y, z))
-
-
 def _record(line: str) -> dict:
     record = json.loads(line)
     if not isinstance(record, dict):
@@ -170,8 +167,8 @@ def _record(line: str) -> dict:
     return record
 
 
-def _numbers(record: dict, name: str, count: int) -> tuple[float, ...]:
-    values = tuple(float(v) for v in record[name])
+def _numbers(record: dict, name: str, count: int) -> list[float]:
+    values = [float(v) for v in record[name]]
     if len(values) != count or not np.isfinite(values).all():
         raise ValueError(f"{name} is {count} finite numbers")
     return values
@@ -185,8 +182,9 @@ def _sample_from(record: dict) -> Sample:
     time = float(record.get("time", 0.0))
     if not np.isfinite(time):
         raise ValueError("time is a finite number of seconds")
-    rotation = _numbers(record, "rotation", 4) if "rotation" in record else (1.0, 0.0, 0.0, 0.0)
-    return Sample(time, _numbers(record, "position", 3), rotation, radius, str(record.get("quality", "exact")))
+    w, x, y, z = _numbers(record, "rotation", 4) if "rotation" in record else (1.0, 0.0, 0.0, 0.0)
+    position = vector(_numbers(record, "position", 3))
+    return Sample(time, position, (w, x, y, z), radius, str(record.get("quality", "exact")))
 
 
 def _stroke_from(record: dict) -> Stroke:

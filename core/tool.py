@@ -8,7 +8,8 @@ and the others jump (facts/physics.md 5).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -19,10 +20,24 @@ DEFAULT_REACH = 1.5
 Vector = tuple[float, float, float]
 
 
+def vector(values: Iterable[float]) -> Vector:
+    """Three numbers as a Vector; ValueError for more or fewer."""
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
 class Tool(Protocol):
     """What the estimators and the dispersion ask of a tool."""
 
-    kind: str
+    @property
+    def kind(self) -> str:
+        """Its name in a stroke's file."""
+        ...
+
+    @property
+    def radius(self) -> float:
+        """Its smallest half width, in voxels."""
+        ...
 
     @property
     def volume(self) -> Shape:
@@ -54,7 +69,7 @@ class Shape:
     @property
     def extent(self) -> Vector:
         """Half-edges of the box around the shape, in voxels."""
-        return tuple(h + abs(a) + self.radius for h, a in zip(self.half_size, self.half_axis, strict=True))
+        return vector(h + abs(a) + self.radius for h, a in zip(self.half_size, self.half_axis, strict=True))
 
     def distance(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Signed distance in voxels, negative inside, of points relative to the centre (arrays that broadcast)."""
@@ -119,11 +134,11 @@ class SphereTool:
     """A ball of ``radius`` voxels that feels what surrounds it out to ``reach`` voxels from its centre."""
 
     radius: float
-    reach: float | None = None
+    reach: float = 0.0  # none given: DEFAULT_REACH radii
     kind = "sphere"
 
     def __post_init__(self) -> None:
-        if self.reach is None:
+        if not self.reach:
             object.__setattr__(self, "reach", DEFAULT_REACH * self.radius)
         _check_radius(self.radius, self.reach)
 
@@ -148,9 +163,7 @@ class BoxTool:
     kind = "box"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "half_size", tuple(float(h) for h in self.half_size))
-        if len(self.half_size) != 3:
-            raise ValueError(f"a box tool has three half-edges, not {len(self.half_size)}")
+        object.__setattr__(self, "half_size", vector(self.half_size))
         _check_radius(self.radius, self.radius + self.margin)
 
     @property
@@ -164,11 +177,11 @@ class BoxTool:
 
     @property
     def surroundings(self) -> Shape:
-        return Shape(half_size=tuple(h + self.margin for h in self.half_size))
+        return Shape(half_size=vector(h + self.margin for h in self.half_size))
 
     def scaled(self, radius: float) -> BoxTool:
         ratio = radius / self.radius
-        return BoxTool(tuple(h * ratio for h in self.half_size), self.margin * ratio)
+        return BoxTool(vector(h * ratio for h in self.half_size), self.margin * ratio)
 
 
 @dataclass(frozen=True)
@@ -177,14 +190,14 @@ class CapsuleTool:
 
     half_axis: Vector
     radius: float
-    reach: float | None = None
+    reach: float = 0.0  # none given: DEFAULT_REACH radii
     kind = "capsule"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "half_axis", tuple(float(a) for a in self.half_axis))
-        if len(self.half_axis) != 3 or not np.isfinite(self.half_axis).all():
+        object.__setattr__(self, "half_axis", vector(self.half_axis))
+        if not np.isfinite(self.half_axis).all():
             raise ValueError("a capsule's half axis is three finite numbers of voxels")
-        if self.reach is None:
+        if not self.reach:
             object.__setattr__(self, "reach", DEFAULT_REACH * self.radius)
         _check_radius(self.radius, self.reach)
 
@@ -198,6 +211,4 @@ class CapsuleTool:
 
     def scaled(self, radius: float) -> CapsuleTool:
         ratio = radius / self.radius
-        return replace(
-            self, half_axis=tuple(a * ratio for a in self.half_axis), radius=radius, reach=self.reach * ratio
-        )
+        return CapsuleTool(vector(a * ratio for a in self.half_axis), radius, self.reach * ratio)

@@ -7,8 +7,10 @@ The numpy twins read and write the same structures, so that either kind of kerne
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from ctypes import POINTER, Structure, c_double, c_float, c_int64, c_uint8, c_void_p
 from math import ceil, floor
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,15 +31,37 @@ GROW, WALL, OPEN = 0, 1, 2
 _FAR = np.iinfo(np.int64).max
 
 
+class Keeper(Protocol):
+    """Who keeps before-images (core/history.py)."""
+
+    def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
+        """Copy the bricks of a half-open box that are not kept yet."""
+        ...
+
+    def grew(self, density: np.ndarray, below: tuple[int, int, int]) -> None:
+        """The grid now lives in another array."""
+        ...
+
+    def attach(self, work: Workspace) -> None:
+        """Tell the kernels where to keep bricks."""
+        ...
+
+
 class ShapeState(Structure):
+    """Shape of kernels.c."""
+
     _fields_ = [("half_size", c_double * 3), ("half_axis", c_double * 3), ("radius", c_double), ("ball", c_int64)]
 
 
 class ToolState(Structure):
+    """Tool of kernels.c."""
+
     _fields_ = [("volume", ShapeState), ("surroundings", ShapeState), ("centre", c_double * 3)]
 
 
 class GridState(Structure):
+    """Grid of kernels.c."""
+
     _fields_ = [
         ("density", POINTER(c_float)),
         ("shape", c_int64 * 3),
@@ -55,6 +79,8 @@ class Estimate(Structure):
 
 
 class Emptied(Structure):
+    """What left the tool, voxel by voxel: indices and box in (a, b, c) order, masses in voxels' worth."""
+
     _fields_ = [
         ("axis", c_int64),
         ("buffer", POINTER(c_float)),
@@ -71,6 +97,8 @@ class Emptied(Structure):
 
 
 class Sweep(Structure):
+    """A sweep under way: flux and window in (b, c), and what it has done so far in voxels' worth."""
+
     _fields_ = [
         ("direction", c_double * 3),
         ("limit", c_double),
@@ -98,6 +126,8 @@ class Sweep(Structure):
 
 
 class Sources(Structure):
+    """Clusters of emptied material: mean positions (voxels) and masses; the contact radius in voxels."""
+
     _fields_ = [
         ("x", c_double * MAX_POINTS),
         ("y", c_double * MAX_POINTS),
@@ -109,6 +139,8 @@ class Sources(Structure):
 
 
 class Rim(Structure):
+    """The free surface that can take material, and the rules by which it is found."""
+
     _fields_ = [
         ("index", POINTER(c_int64)),
         ("weight", POINTER(c_float)),
@@ -124,12 +156,13 @@ class Rim(Structure):
     ]
 
 
-def pointer(array: np.ndarray, kind: type):
+def pointer(array: np.ndarray, kind: type) -> Any:
     """A ctypes pointer to an array's memory; the caller keeps the array."""
     return array.ctypes.data_as(POINTER(kind))
 
 
 def shape_state(shape: Shape) -> ShapeState:
+    """A shape as the kernels read it."""
     ball = not any(shape.half_size) and not any(shape.half_axis)
     return ShapeState((c_double * 3)(*shape.half_size), (c_double * 3)(*shape.half_axis), shape.radius, ball)
 
@@ -139,10 +172,10 @@ def no_box() -> tuple[int, ...]:
     return (_FAR, _FAR, _FAR, -_FAR, -_FAR, -_FAR)
 
 
-def box_from(dirty) -> Box | None:
+def box_from(dirty: Sequence[int]) -> Box | None:
     """A dirty box as Python has it, or None when nothing was written."""
-    low, high = tuple(dirty[:3]), tuple(dirty[3:])
-    return (low, high) if low[0] < high[0] else None
+    i0, j0, k0, i1, j1, k1 = dirty
+    return ((i0, j0, k0), (i1, j1, k1)) if i0 < i1 else None
 
 
 class Workspace:
@@ -157,7 +190,7 @@ class Workspace:
         self.grid, self.tool, self.estimate = GridState(), ToolState(), Estimate()
         self.emptied, self.sweep, self.sources, self.rim = Emptied(), Sweep(), Sources(), Rim()
         self.flux = np.zeros((0, 0), np.float32)
-        self.history = None
+        self.history: Keeper | None = None
         self._fluxes: list[np.ndarray] = []
         self.attach(density)
 
@@ -180,7 +213,7 @@ class Workspace:
         self._zeros = np.zeros(nz, np.float32)
         self.rim.zeros = pointer(self._zeros, c_float)
 
-    def keep(self, low, high) -> None:
+    def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
         """Copy the bricks of a box before it is written for the first time, if anyone asked for before-images."""
         if self.history is not None:
             self.history.keep(low, high)
@@ -189,7 +222,7 @@ class Workspace:
         """Work with this tool from now on."""
         self.volume, self.surroundings = tool.volume, tool.surroundings
         self.tool.volume, self.tool.surroundings = shape_state(self.volume), shape_state(self.surroundings)
-        self._half_box = tuple(int(ceil(e + 0.5)) for e in self.volume.extent)
+        self._half_box = tuple(ceil(e + 0.5) for e in self.volume.extent)
         self.buffer = np.zeros(int(np.prod([2 * h + 3 for h in self._half_box])), np.float32)
         self.emptied.buffer = pointer(self.buffer, c_float)
         self._occupied = np.empty((self.buffer.size, 3))  # 24 bytes for each voxel of the box
