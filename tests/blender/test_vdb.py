@@ -108,6 +108,8 @@ def test_transforms_are_read_as_openvdb_reads_them(tmp_path, matrix, edges):
 
 @pytest.mark.parametrize("kind", ["FloatGrid", "DoubleGrid", "Int32Grid", "Int64Grid"])
 def test_scalars_of_all_kinds(tmp_path, kind):
+    if not hasattr(openvdb, kind):
+        pytest.skip(f"this build of OpenVDB for Python makes no {kind}, Blender's own does")
     path = save(tmp_path / "x.vdb", filled(kind, ((0, 30), (60, 120)), ijk=(-5, 7, 100)))
     grid = read_volume(path)
     assert grid.density.ravel().tolist() == [0, 0.25, 0.5, 1]
@@ -286,6 +288,9 @@ def test_a_million_random_bytes_are_refused(tmp_path, sound, keep):
         read_volume(path)
 
 
+@pytest.mark.skipif(
+    not bpy.app.module, reason="Debian's OpenVDB crashes when it drops a tree that it could not finish reading"
+)
 def test_a_tree_of_noise_is_an_error_or_a_grid_but_never_the_end(tmp_path, sound):
     path = tmp_path / "noise.vdb"
     noise = np.random.default_rng(8)
