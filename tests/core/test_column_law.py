@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The column test: a flat punch as wide as a walled grid, against the closed forms of DESIGN 2, row by row.
+
+Per unit of cross-section the tool holds M_t / A voxels of material, and the law is about that number against the depth
+delta. The punch is wider than the grid, so that its shells lie across the push and the column stays one-dimensional.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from repousse.core import BoxTool, DensityGrid, Material, Push, Regime
+
+WITHIN = 0.01
+ACROSS, FIRST, HALF, STEP = 8, 100, 48.0, 0.25
+CASES = [(0.1, 0.5, 30), (0.1, 0.3, 30), (0.15, 0.7, 24), (0.3, 0.5, 12), (0.05, 0.4, 60)]
+
+pytestmark = [
+    # A punch with walls around it yields far beyond the bound, which is for a tool in a large block.
+    pytest.mark.filterwarnings("ignore:this material may never yield"),
+    pytest.mark.parametrize("case", CASES, ids=lambda case: "kappa{}-density{}-reach{}".format(*case)),
+]
+
+
+class Column:
+    """One push and its retreat: depths, stresses over k_t A (the mass in the tool per unit area), and what is left."""
+
+    def __init__(self, kappa, density, reach):
+        self.kappa, self.density, self.reach = kappa, density, reach
+        self.plateau_begins = reach * ((1 + kappa) / density - 1)
+        self.depth = np.ceil(1.6 * self.plateau_begins + 6)
+        compacted = (density * self.depth - kappa * reach) / (1 - density)
+        values = np.zeros((FIRST + int(self.depth + compacted) + reach + 8, ACROSS, ACROSS), np.float32)
+        values[FIRST:] = density
+        self.grid = DensityGrid(values)
+        push = Push(
+            self.grid, BoxTool((HALF, HALF + ACROSS, HALF + ACROSS), reach), Material(3.3, kappa), border="wall"
+        )
+        self.deltas = np.arange(0, int(self.depth / STEP) + 1) * STEP
+        middle = (ACROSS - 1) / 2
+        area = push.k_t * ACROSS * ACROSS
+        # The front face stands at the tool's centre + HALF, and the material's at FIRST - 1/2.
+        surface = FIRST - 0.5 - HALF
+        way_in = [push.move_to((surface + delta, middle, middle)) for delta in self.deltas]
+        self.regimes = [contact.regime for contact in way_in]
+        self.held = np.array([contact.stress for contact in way_in]) / area
+        self.left = self.grid.density.copy()
+        self.retreats = np.arange(0, int((kappa * reach + 4) / STEP) + 1) * STEP
+        way_out = [push.move_to((surface + self.depth - back, middle, middle)) for back in self.retreats]
+        self.released = np.array([contact.stress for contact in way_out]) / area
+        self.regimes_out = [contact.regime for contact in way_out]
+
+    def slope(self, low, high):
+        """(slope, value at 0) of the line through what is held between two depths."""
+        chosen = (self.deltas >= low - 1e-9) & (self.deltas <= high + 1e-9)
+        assert chosen.sum() >= 4
+        return np.polyfit(self.deltas[chosen], self.held[chosen], 1)
+
+
+@pytest.fixture
+def column(case, kernels):
+    """Walked once for each kernel: `kernels` is part of what the cache knows it by."""
+    return _columns(kernels, case)
+
+
+@cache
+def _columns(_kernels, case):
+    return Column(*case)
+
+
+def close(value, expected):
+    assert value == pytest.approx(expected, rel=WITHIN)
+
+
+def test_elastic_slope(column):
+    slope, at_zero = column.slope(1.0, column.kappa * column.reach - 0.5)
+    close(slope, column.density)
+    assert abs(at_zero) < 0.005 * column.density
+
+
+def test_yield_depth(column):
+    """Where the elastic line meets the plastic one."""
+    (elastic, a), (plastic, b) = column.slope(1.0, column.kappa * column.reach - 0.5), plastic_line(column)
+    close((b - a) / (elastic - plastic), column.kappa * column.reach)
+
+
+def plastic_line(column):
+    return column.slope(column.kappa * column.reach + 1.0, column.plateau_begins - 2.0)
+
+
+def test_plastic_slope(column):
+    close(plastic_line(column)[0], column.density * column.kappa / (1 + column.kappa))
+
+
+def test_plateau(column):
+    slope, _ = column.slope(column.plateau_begins + 2.0, column.depth)
+    assert abs(slope) < 0.01 * column.density * column.kappa
+    for held in column.held[column.deltas > column.plateau_begins + 2.0]:
+        close(held, column.kappa * column.reach)
+
+
+def test_plateau_begins(column):
+    """Within a voxel of it the law is discrete: it is where the fitted lines meet."""
+    slope, at_zero = plastic_line(column)
+    plateau = column.held[column.deltas > column.plateau_begins + 2.0].mean()
+    close((plateau - at_zero) / slope, column.plateau_begins)
+
+
+def test_unloading(column):
+    """Slope E / d0 over the first m voxels of retreat, for the front is compacted; then nothing."""
+    m = column.kappa * column.reach
+    assert m >= 3.0
+    on_the_way = (column.retreats >= 0.25) & (column.retreats <= m - 1.0)
+    slope, at_zero = np.polyfit(column.retreats[on_the_way], column.released[on_the_way], 1)
+    close(-slope, 1.0)
+    close(at_zero, m)
+    assert np.all(column.released[column.retreats > m + 1.0] == 0.0)
+    assert {r for r, back in zip(column.regimes_out, column.retreats) if 0 < back < m - 1.0} == {Regime.UNLOADING}
+    assert column.regimes_out[-1] is Regime.NONE
+    assert np.array_equal(column.grid.density, column.left), "unloading changed the grid"
+
+
+def test_compacted_length(column):
+    """(d0 delta - m) / (1 - d0) of full material stand ahead of the tool."""
+    d0 = column.density
+    expected = (d0 * column.depth - column.kappa * column.reach) / (1 - d0)
+    ahead = column.left[int(FIRST + column.depth) :].mean(axis=(1, 2))
+    full = np.count_nonzero(ahead > 0.999)
+    partial = ahead[full] if ahead[full] > d0 else d0
+    close(full + (partial - d0) / (1 - d0), expected)
+
+
+def test_regimes_follow_each_other(column):
+    yields = column.kappa * column.reach
+    for delta, regime in zip(column.deltas, column.regimes):
+        if delta == 0.0:
+            assert regime is Regime.NONE
+        elif delta <= yields - 0.5:
+            assert regime is Regime.ELASTIC
+        elif delta >= yields + 0.5:
+            assert regime is Regime.PLASTIC
+
+
+def test_mass_stays(column):
+    before = column.density * ACROSS * ACROSS * (column.left.shape[0] - FIRST)
+    assert column.left.sum(dtype=np.float64) == pytest.approx(before, rel=1e-6)  # that of float32's own density

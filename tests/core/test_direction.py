@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A push leaves the same pit and the same compacted front whichever way it goes through the lattice."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from repousse.core import Material, Push, SphereTool
+
+from .volumes import TINY, line, net_moved, tilted_half_space, walk
+
+WITHIN = 0.05
+N, RADIUS, DEPTH, BIN = 100, 16, 20.0, 2.0
+OBLIQUE = {"face": (1.0, 1.0, 0.0), "body": (1.0, 1.0, 1.0), "general": (0.8, 0.5, 0.33)}
+CASES = {"compacts": (0.6, 0.1, None), "wholly emptied": (0.6, TINY, None), "rises": (1.0, TINY, RADIUS)}
+
+
+def profile(density, kappa, band, direction):
+    """Change of mass in rings around the push, (bins along it, bins of radius), and the net moved mass.
+
+    Each ring holds the mean change of its voxels times its true volume, so that the lattice's counting is not in it.
+    """
+    u = np.array(direction) / np.linalg.norm(direction)
+    grid = tilted_half_space(N, density, direction)
+    before = grid.density.copy()
+    surface = np.full(3, (N - 1) / 2)  # where the push meets it
+    push = Push(grid, SphereTool(RADIUS), Material(3.3, kappa), border="wall", band=band)
+    walk(push, line(surface - (RADIUS + 1) * u, surface + (DEPTH - RADIUS) * u, 0.5))
+    change = grid.density.astype(np.float64) - before
+    offsets = np.indices(change.shape).reshape(3, -1) - surface[:, None]
+    along = u @ offsets
+    radius = np.sqrt(np.maximum((offsets**2).sum(axis=0) - along**2, 0.0))
+    near = (np.abs(along) < 40.0) & (radius < 40.0)
+    rows, columns = int(80 / BIN), int(40 / BIN)
+    ring = ((along[near] + 40.0) / BIN).astype(int) * columns + (radius[near] / BIN).astype(int)
+    total = np.bincount(ring, change.ravel()[near], rows * columns)
+    voxels = np.bincount(ring, minlength=rows * columns)
+    edges = np.arange(columns + 1) * BIN
+    volume = np.tile(np.pi * np.diff(edges**2) * BIN, rows)
+    return (total / np.maximum(voxels, 1) * volume).reshape(rows, columns), net_moved(before, grid.density)
+
+
+@cache
+def along_the_axis(case):
+    return profile(*CASES[case], (1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("direction", OBLIQUE)
+@pytest.mark.parametrize("case", ["compacts", "wholly emptied"])
+def test_pit_and_front(case, direction):
+    (straight, net), (oblique, oblique_net) = along_the_axis(case), profile(*CASES[case], OBLIQUE[direction])
+    assert net > 1000.0
+    assert oblique_net == pytest.approx(net, rel=0.02)
+    distance = np.abs(oblique - straight).sum() / np.abs(straight).sum()
+    assert distance <= WITHIN
+
+
+@pytest.mark.parametrize("direction", OBLIQUE)
+def test_pit_with_a_rim(direction):
+    """Packed material: the pit is the same; the rim, laid on whole voxels' faces, is as large and as far away."""
+    (straight, net), (oblique, oblique_net) = along_the_axis("rises"), profile(*CASES["rises"], OBLIQUE[direction])
+    assert oblique_net == pytest.approx(net, rel=0.02)
+    pit = [np.minimum(change, 0.0) for change in (straight, oblique)]
+    distance = np.abs(pit[1] - pit[0]).sum() / np.abs(pit[0]).sum()
+    assert distance <= WITHIN
+    rim = [np.maximum(change, 0.0) for change in (straight, oblique)]
+    heights, radii = (np.arange(n)[:, None] * BIN for n in straight.shape)
+    for mean in (lambda ring: (heights * ring).sum() / ring.sum(), lambda ring: (radii.T * ring).sum() / ring.sum()):
+        assert mean(rim[1]) == pytest.approx(mean(rim[0]), abs=0.05 * RADIUS)
+
+
+@pytest.mark.parametrize("direction", OBLIQUE)
+def test_front_lies_ahead(direction):
+    """The mass that moved has its centre on the push's line: no bias to an axis of the lattice."""
+    density, kappa, band = CASES["compacts"]
+    u = np.array(OBLIQUE[direction]) / np.linalg.norm(OBLIQUE[direction])
+    grid = tilted_half_space(N, density, u)
+    before = grid.density.copy()
+    surface = np.full(3, (N - 1) / 2)
+    push = Push(grid, SphereTool(RADIUS), Material(3.3, kappa), border="wall", band=band)
+    walk(push, line(surface - (RADIUS + 1) * u, surface + (DEPTH - RADIUS) * u, 0.5))
+    gain = np.maximum(grid.density.astype(np.float64) - before, 0.0)
+    offsets = np.indices(gain.shape).reshape(3, -1) - surface[:, None]
+    mean = (offsets * gain.ravel()).sum(axis=1) / gain.sum()
+    angle = np.degrees(np.arccos(np.clip(mean @ u / np.linalg.norm(mean), -1.0, 1.0)))
+    assert angle < 1.0
