@@ -9,10 +9,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from drawing import View, save, show, surface
+from scipy import ndimage
 
 from repousse.core import DensityGrid, Material, Push, SphereTool, Stroke, native
 from repousse.core.formats import read_volume
-from scipy import ndimage
 
 BONSAI = Path(__file__).resolve().parents[3] / "shared" / "data" / "pvm" / "bonsai_256.pvm"
 RADIUS = 16.0
@@ -55,14 +55,13 @@ def draw(path) -> None:
     cuts.set_axis_off()
     for axes, density, title in ((left, before, "before"), (right, push.grid.density, "after two strokes")):
         upright = np.ascontiguousarray(density.transpose(2, 0, 1))  # y is up in this scan
-        view = View(azimuth=212, elevation=16, size=560, across=285, centre=(128, 122, 112))
+        view = View(azimuth=212, elevation=16, size=480, across=250, centre=(128, 122, 118))
         show(axes, surface(_without_table(upright), view, LEVEL, smooth=0.9, paint=_painter(upright)), title)
-    for place, (density, title) in enumerate(((before, "x = 118, before"), (push.grid.density, "after"))):
-        inset = cuts.inset_axes((0.0, 0.52 - 0.5 * place, 1.0, 0.44))
-        image = inset.imshow(density[118].T[::-1, :].T, origin="lower", cmap="gray", vmin=0, vmax=1)
-        image.set_data(density[118])
-        image.set_extent((-0.5, 255.5, -0.5, 255.5))
-        inset.set(xlabel="z (voxels)", ylabel="y (voxels)", title=title)
+    for place, (density, title) in enumerate(((before, "section at x = 118, before"), (push.grid.density, "after"))):
+        inset = cuts.inset_axes((0.1, 0.54 - 0.52 * place, 0.9, 0.42))
+        inset.imshow(density[118], origin="lower", cmap="gray", vmin=0, vmax=1)
+        inset.set(ylabel="y (voxels)", title=title)
+    inset.set_xlabel("z (voxels)")
     milliseconds = 1000 * np.array(spent)
     figure.suptitle(
         f"{what}: a sphere of {2 * RADIUS:g} voxels pushed {' and '.join(STROKES)}\n{len(spent)} steps, {moved:,.0f} voxels' worth moved,"
@@ -73,12 +72,13 @@ def draw(path) -> None:
 
 
 def _without_table(upright: np.ndarray) -> np.ndarray:
-    """The scan without what is not joined to the tree: specks of noise and the scanner's table, for the picture only."""
-    parts, count = ndimage.label(upright > LEVEL)
+    """The scan without specks of noise and without the scanner's table, which stays low; for the picture only."""
+    parts, _ = ndimage.label(upright > LEVEL)
     sizes = np.bincount(parts.ravel())
-    sizes[0] = 0
-    small = (sizes < 60)[parts] & (parts > 0)
-    return np.where(small, 0.0, upright)
+    low = np.array([False, *(place[2].stop < 45 for place in ndimage.find_objects(parts))])
+    unwanted = (sizes < 60) | low
+    unwanted[0] = False
+    return np.where(unwanted[parts], 0.0, upright)
 
 
 def _painter(density: np.ndarray):
