@@ -7,32 +7,28 @@ Bad input is one line on stderr and exit code 2. Outputs appear all together at 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import csv
 import json
 import os
 import re
 import sys
-import time
-import uuid
 import warnings
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ..core import PRESETS, Contact, DensityGrid, Regime, Sample, SphereTool, Stroke, native
+from ..core import PRESETS, DensityGrid, SphereTool, Stroke
 from ..core.formats import MAX_VOXELS, describe, read_volume, write_volume
-from ..core.grid import Box, union
 from ..core.native.state import BORDERS
 from ..core.push import METHODS
-from ..core.stroke import hash_of
+from .outputs import Outputs
+from .run import Run, summary, told_of
 
 EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
 DEFAULT_STEP = 0.5
 VOLUME_SUFFIXES = (".vdb", ".pvm")
-TRACE_COLUMNS = ("t", "x", "y", "z", "regime", "stress", "yield_stress", "fx", "fy", "fz", "moved_mass")
 LINE_OPTIONS = ("start", "end", "radius", "reach")
 """What draws a line, and so has no place beside a recorded stroke."""
 
@@ -41,9 +37,9 @@ def main(argv: list[str] | None = None) -> int:
     """Run one command (default: of ``sys.argv``). Returns the exit code: 0, or 2 for bad input."""
     try:
         options = _parser().parse_args(_joined(sys.argv[1:] if argv is None else list(argv)))
-        with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_: _say(str(message))
-            options.run(options)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            notes = options.run(options)
     except SystemExit as finished:  # --help
         return int(finished.code or 0)
     except OSError as error:
@@ -53,14 +49,16 @@ def main(argv: list[str] | None = None) -> int:
         return _refuse("this needs more memory than there is")
     except ValueError as error:
         return _refuse(str(error))
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    notes += [str(warning.message) for warning in told if warning.category is UserWarning]
+    for note in dict.fromkeys(notes):  # after the work: a failure is one line alone
+        _say(note)
     return 0
 
 
-# ---- commands
-
-
-def push(options: argparse.Namespace) -> None:
-    """`repousse push`: strokes through a volume, and all that was asked for about it."""
+def push(options: argparse.Namespace) -> list[str]:
+    """`repousse push`: strokes through a volume, and all that was asked for about it. Returns what to tell besides."""
     strokes = strokes_from(options)
     out, picture = _named(options.out, VOLUME_SUFFIXES), options.render and _named(options.render, (".png",))
     with Outputs() as outputs:
@@ -71,11 +69,9 @@ def push(options: argparse.Namespace) -> None:
         }
         preset = PRESETS.get(options.material)
         grid = open_volume(options.input, options.grid, options.window, preset.density if preset else 1.0)
-        for note in grid.notes:
-            _say(f"{options.input}: {note}")
         run = Run.of(grid, strokes, options.input)
         report = run.report() | {"input": str(options.input), "output": str(out)}
-        grid.metadata["strokes"] = "; ".join(told(stroke) for stroke in strokes)
+        grid.metadata["strokes"] = "; ".join(told_of(stroke) for stroke in strokes)
         write_volume(grid, parts["out"])
         if options.trace:
             run.save_trace(parts["trace"])
@@ -84,14 +80,15 @@ def push(options: argparse.Namespace) -> None:
         if options.report:
             parts["report"].write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     print(summary(report))
+    return _notes(options.input, grid)
 
 
-def info(options: argparse.Namespace) -> None:
+def info(options: argparse.Namespace) -> list[str]:
     """`repousse info`: what is in a file, and what would be read of it."""
     if _block(options.input):
         grid = open_volume(options.input)
         print(f"{options.input}: {_by(grid.shape)} voxels, mass {grid.mass:.10g}")
-        return
+        return []
     found = describe(options.input, options.grid, options.window)
     print(f"{found['file']}: {len(found['grids'])} grid(s)")
     for grid in found["grids"]:
@@ -107,21 +104,18 @@ def info(options: argparse.Namespace) -> None:
             print(f"  {name}: {value}")
     for note in found["notes"]:
         print(f"note: {note}")
+    return []
 
 
-def convert(options: argparse.Namespace) -> None:
+def convert(options: argparse.Namespace) -> list[str]:
     """`repousse convert`: a volume of one format written as another."""
     out = _named(options.out, VOLUME_SUFFIXES)
     with Outputs() as outputs:
         part = outputs.add(out)
         grid = open_volume(options.input, options.grid, options.window)
-        for note in grid.notes:
-            _say(f"{options.input}: {note}")
         write_volume(grid, part, half=options.half, bits=options.bits)
     print(f"{out}: {_by(grid.shape)} voxels of {grid.voxel_size:.6g}, mass {grid.mass:.10g}")
-
-
-# ---- volumes and strokes from what was typed
+    return _notes(options.input, grid)
 
 
 def open_volume(
@@ -153,7 +147,8 @@ def strokes_from(options: argparse.Namespace) -> list[Stroke]:
             raise ValueError("give --stroke FILE, or a line by --from, --to and --radius")
         tool = SphereTool(options.radius, options.reach)
         header |= _band_of(options, tool.radius)
-        return [Stroke.line(options.start, options.end, options.step or DEFAULT_STEP, tool=tool, **header)]
+        step = DEFAULT_STEP if options.step is None else options.step
+        return [Stroke.line(options.start, options.end, step, tool=tool, **header)]
     for name in LINE_OPTIONS:
         if getattr(options, name) is not None:
             raise ValueError(f"--{ {'start': 'from', 'end': 'to'}.get(name, name) } has no place beside --stroke")
@@ -174,180 +169,6 @@ def _band_of(options: argparse.Namespace, radius: float) -> dict[str, float | No
         share = PRESETS[options.material].band
         return {"band": None if share is None else share * radius}
     return {}
-
-
-# ---- a push, and what is told of it
-
-
-@dataclass
-class Run:
-    """Strokes through one grid: every sample with its contact and wall time in ms, and the grid before.
-
-    ``origin`` is where the grid's first voxel now lies in the voxels that it had before.
-    """
-
-    grid: DensityGrid
-    before: DensityGrid
-    strokes: list[Stroke]
-    origin: tuple[int, int, int] = (0, 0, 0)
-    samples: list[Sample] = field(default_factory=list)
-    contacts: list[Contact] = field(default_factory=list)
-    ms: list[float] = field(default_factory=list)
-    dirty: Box | None = None
-
-    @classmethod
-    def of(cls, grid: DensityGrid, strokes: list[Stroke], name: str) -> Run:
-        """Push every stroke through ``grid``, which is changed in place; ``name`` is what errors call it."""
-        run = cls(grid, DensityGrid(grid.density, grid.transform), strokes)
-        for number, stroke in enumerate(strokes, start=1):
-            try:
-                run._follow(stroke, f"stroke {number} of {len(strokes)}")
-            except ValueError as error:
-                raise ValueError(f"{name}: {error}") from error
-        return run
-
-    def _follow(self, stroke: Stroke, what: str) -> None:
-        # Poses count from the volume as it was given, unless a stroke says that it began on the grid that is here now.
-        shift = np.array(self.origin)
-        if shift.any() and stroke.grid_hash is not None and stroke.grid_hash == hash_of(self.grid):
-            shift[:] = 0
-        push = stroke.push(self.grid)
-        for sample in progress(stroke.samples, what):
-            began = time.perf_counter()
-            contact = push.move_to(sample.position - shift, sample.radius, stroke.continuous)
-            self.ms.append((time.perf_counter() - began) * 1e3)
-            self.samples.append(sample)
-            self.contacts.append(contact)
-            if contact.dirty is not None:
-                low, high = (tuple(int(v) for v in np.array(end) + self.origin) for end in contact.dirty)
-                self.dirty = union(self.dirty, (low, high))
-        self.origin = tuple(int(a + b) for a, b in zip(self.origin, push.origin, strict=True))
-
-    def report(self) -> dict:
-        """What `--report` writes. Masses in voxels' worth, stresses in newtons, times in ms a step."""
-        p50, p99 = np.percentile(self.ms, (50, 99)).tolist()
-        return {
-            "steps": len(self.contacts),
-            "mass_before": self.before.mass,
-            "mass_after": self.grid.mass,
-            "mass_out": sum(contact.mass_out for contact in self.contacts),
-            "moved_mass": sum(contact.moved_mass for contact in self.contacts),
-            "peak_stress": max(contact.stress for contact in self.contacts),
-            "kernels": native.name(),
-            "method": ", ".join(dict.fromkeys(stroke.method for stroke in self.strokes)),
-            "ms": {"p50": p50, "p99": p99, "max": max(self.ms)},
-            "touched_voxels": self.touched_voxels(),
-            "blocked_steps": sum(contact.blocked for contact in self.contacts),
-            "peak_residual": max(contact.residual for contact in self.contacts),
-            "shape": list(self.grid.shape),
-            "voxel_size": self.grid.voxel_size,
-        }
-
-    def touched_voxels(self) -> int:
-        """Voxels whose density is not what it was before."""
-        if self.dirty is None:
-            return 0
-        low, high = np.array(self.dirty[0]), np.array(self.dirty[1])
-        low, high = np.maximum(low, self.origin), np.minimum(high, np.add(self.origin, self.grid.shape))
-        after = _part(self.grid.density, low - self.origin, high - self.origin)
-        before = np.zeros_like(after)
-        inner, outer = np.clip(low, 0, self.before.shape), np.clip(high, 0, self.before.shape)
-        _part(before, inner - low, outer - low)[...] = _part(self.before.density, inner, outer)
-        return int(np.count_nonzero(after != before))
-
-    def save_trace(self, path: Path) -> None:
-        """A line of `TRACE_COLUMNS` for each sample: seconds, voxels, newtons, voxels' worth."""
-        with path.open("w", newline="", encoding="utf-8") as file:
-            rows = csv.writer(file, lineterminator="\n")
-            rows.writerow(TRACE_COLUMNS)
-            for sample, contact in zip(self.samples, self.contacts, strict=True):
-                felt = (contact.stress, contact.yield_stress, *contact.force.tolist(), contact.moved_mass)
-                rows.writerow((sample.time, *sample.position, contact.regime.name.lower(), *felt))
-
-    def render(self, path: Path) -> None:
-        """Before and after, side by side, seen from the side that was pushed."""
-        try:
-            from . import render
-        except ImportError as error:
-            raise ValueError("--render needs Blender or its bpy package: run this there") from error
-        felt = [contact.force for contact in self.contacts if contact.regime is Regime.PLASTIC]
-        axes = self.before.transform[:3, :3]
-        towards = axes @ np.sum(felt, axis=0) if felt else None
-        low, high = (np.array(end) for end in self.dirty or ((0, 0, 0), self.before.shape))
-        render.before_after(self.before, self.grid, path, towards, low, high)
-
-
-def progress(items: Iterable, what: str) -> Iterable:
-    """The items, shown going by on a terminal."""
-    if not sys.stderr.isatty():
-        return items
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return _percentage(list(items), what)
-    return tqdm(items, desc=what, unit="step", leave=False)
-
-
-def _percentage(items: list, what: str) -> Iterator:
-    for done, item in enumerate(items):
-        print(f"\r{what}: {100 * done // len(items)} %", end="", file=sys.stderr, flush=True)
-        yield item
-    print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-
-
-def told(stroke: Stroke) -> str:
-    """A stroke in a few words, for a file's metadata."""
-    start, end = (tuple(round(v, 3) for v in stroke.samples[n].position) for n in (0, -1))
-    return f"{stroke.tool.kind} of radius {stroke.tool.radius:g}, {len(stroke.samples)} samples from {start} to {end}"
-
-
-def summary(report: dict) -> str:
-    """A report in one line."""
-    ms = report["ms"]
-    return (
-        f"{report['output']}: {report['steps']} steps moved {report['moved_mass']:.6g} voxels' worth and touched "
-        f"{report['touched_voxels']} voxels; mass {report['mass_before']:.10g} -> {report['mass_after']:.10g}, "
-        f"{report['mass_out']:.6g} out; peak stress {report['peak_stress']:.4g} N; "
-        f"{ms['p50']:.3g} ms a step (p99 {ms['p99']:.3g}, {report['kernels']} kernels)"
-    )
-
-
-# ---- outputs
-
-
-class Outputs:
-    """Files that are written under temporary names and appear together when the ``with`` block ends well."""
-
-    def __init__(self) -> None:
-        self._parts: dict[Path, Path] = {}
-
-    def add(self, path: str | os.PathLike) -> Path:
-        """The temporary name for an output, with its suffix. ValueError where the output could not be made."""
-        path = Path(path)
-        if path in self._parts:
-            raise ValueError(f"{path}: two outputs have this name")
-        if path.is_dir():
-            raise ValueError(f"{path}: cannot be written: it is a folder")
-        part = path.with_name(f".{uuid.uuid4().hex[:8]}.{path.name}")
-        with part.open("wb"):  # a folder that is not there or takes no file says so now, not after the work
-            self._parts[path] = part
-        return part
-
-    def __enter__(self) -> Outputs:
-        return self
-
-    def __exit__(self, kind, error, trace) -> None:
-        try:
-            if kind is None:
-                for path, part in self._parts.items():
-                    part.replace(path)
-        finally:
-            for part in self._parts.values():
-                with contextlib.suppress(OSError):
-                    part.unlink(missing_ok=True)
-
-
-# ---- the command line
 
 
 class _OneLineParser(argparse.ArgumentParser):
@@ -454,9 +275,8 @@ def _named(path: str, suffixes: tuple[str, ...]) -> Path:
     return Path(path)
 
 
-def _part(array: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The view of a half-open box."""
-    return array[tuple(slice(int(a), int(max(a, b))) for a, b in zip(low, high, strict=True))]
+def _notes(source: str, grid: DensityGrid) -> list[str]:
+    return [f"{source}: {note}" for note in grid.notes]
 
 
 def _by(shape: Iterable[int]) -> str:

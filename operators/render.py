@@ -102,7 +102,10 @@ def _smoothed(density: np.ndarray) -> np.ndarray:
 @contextmanager
 def _studio() -> Iterator[bpy.types.Scene]:
     """A scene with lights, for as long as it is needed; nothing of it stays in the file."""
-    before = {block: set(getattr(bpy.data, block)) for block in ("objects", "meshes", "lights", "cameras", "materials")}
+    before = {
+        block: set(getattr(bpy.data, block))
+        for block in ("objects", "meshes", "lights", "cameras", "materials", "images")
+    }
     scene = bpy.data.scenes.new("Repoussé picture")
     world = bpy.data.worlds.new(scene.name)
     try:
@@ -221,6 +224,8 @@ def _rendered(scene: bpy.types.Scene, points: np.ndarray, quads: np.ndarray, bes
         scene.render.filepath = str(part)
         bpy.ops.render.render(write_still=True, scene=scene.name)
         pixels = _pixels_of(part)
+    except RuntimeError as error:
+        raise ValueError(f"Blender cannot render: {' '.join(str(error).split())}") from error
     finally:
         part.unlink(missing_ok=True)
         bpy.data.meshes.remove(mesh)  # and the object that shows it

@@ -39,7 +39,7 @@ def suzanne() -> DensityGrid:
 
 
 def outward_of(grid: DensityGrid) -> np.ndarray:
-    """The unit vector, in voxels' axes, from the body to its broadest side: along its shortest edge, towards -Y or +Z."""
+    """The unit vector, along an axis of the grid, from the body to its broadest side."""
     low, high = _box(grid)
     axis = int(np.argmin((high - low) * (1.0, 0.999, 1.001)))  # a cube is pushed from the front
     return np.eye(3)[axis] * (-1.0 if axis == 1 else 1.0)
