@@ -76,7 +76,8 @@ typedef struct {
     int64_t low[3], n[3];   // the box around the tool, in (a, b, c) order
     int64_t first[3], last[3]; // the part of it that is not zero, half open, as grid indices in (a, b, c) order
     double mass, tool_loss, reach_loss;
-    Occupied *occupied; // scratch, a place for each voxel of the box
+    Occupied *occupied; // the tool's voxels that hold density, as the last estimate found them
+    int64_t occupied_count;
     double carry; // what rounding to float32 has kept back so far; it travels with the next flux
 } Emptied;
 
@@ -336,39 +337,6 @@ static void mark_dirty(int64_t dirty[6], int64_t i0, int64_t i1, int64_t j0, int
 
 // ---- estimate -------------------------------------------------------------------------------------------------------
 
-// Both ends of a ball's row, where 0 < w < 1: grad M_t gains d n there, n the outward normal.
-static void ball_gradient(double radius, double x, double y, double z, BallRow row, const float *d, double gradient[3]) {
-    double flat = 0.0, along = 0.0;
-    for (int64_t k = row.low; k < row.high; k++) {
-        if (k == row.core_low) k = row.core_high;
-        if (k >= row.high) break;
-        const double at = (double)k - z, root = sqrt(x * x + y * y + at * at);
-        if (d[k] <= 0.0f || root - radius >= 0.5 || root - radius <= -0.5) continue;
-        flat += (double)d[k] / root;
-        along += (double)d[k] / root * at;
-    }
-    gradient[0] += x * flat;
-    gradient[1] += y * flat;
-    gradient[2] += along;
-}
-
-// grad M_t from one row: sum over the tool's skin of d n.
-static void add_gradient(const Shape *s, double x, double y, double z, int64_t n, const float *d, double gradient[3]) {
-    if (s->ball) {
-        ball_gradient(s->radius, x, y, z, ball_row(s->radius, x * x + y * y, z, 0, n), d, gradient);
-        return;
-    }
-    const Span span = row_span(s, x, y, z, n);
-    for (int64_t k = span.low; k < span.high; k++) {
-        const double w = coverage(s, x, y, (double)k - z);
-        if (d[k] <= 0.0f || w <= 0.0 || w >= 1.0) continue;
-        double outward[3];
-        normal(s, x, y, (double)k - z, outward);
-        for (int a = 0; a < 3; a++) gradient[a] += (double)d[k] * outward[a];
-    }
-}
-
-// M_t = sum w_t d, M_s = sum (w_s - w_t) d, and grad M_t (paper equations 4, 5).
 // The rows of plane i that a shape may reach, half open.
 static void rows_of(const Shape *s, const double centre[3], int64_t i, int64_t n, int64_t *low, int64_t *high) {
     const double x = (double)i - centre[0], outer = s->radius + 0.5;
@@ -377,33 +345,69 @@ static void rows_of(const Shape *s, const double centre[3], int64_t i, int64_t n
     *high = least(n, floor_of(centre[1] + half) + 1);
 }
 
-EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out) {
-    int64_t low[3], high[3], inner_low[3], inner_high[3], first, last;
-    double tool_mass = 0.0, both = 0.0, gradient[3] = {0.0, 0.0, 0.0};
+static int64_t shell_count(const Tool *t) {
+    const double deepest = fmin(fmin(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2));
+    return least(MAX_SHELLS, (int64_t)((deepest + 0.5) / SHELL) + 2);
+}
+
+// Shells are counted inward from the tool's skin.
+static int64_t shell_of(double distance_, int64_t shells) {
+    return within(floor_of((0.5 - distance_) / SHELL), 0, shells - 1);
+}
+
+// One voxel of the tool: M_t gains w d, and where the skin cuts it grad M_t gains d n, n the outward normal.
+static void weigh(const Shape *s, double x, double y, double z, float d, double far, Estimate *out) {
+    const double w = coverage_at(far);
+    out->tool_mass += w * (double)d;
+    if (w >= 1.0) return;
+    double n[3] = {x, y, z};
+    const double length = s->ball ? far + s->radius : 1.0;
+    if (!s->ball) normal(s, x, y, z, n);
+    for (int a = 0; a < 3; a++) out->gradient[a] += (double)d / length * n[a];
+}
+
+// The tool's voxels that hold density are weighed and listed: of these some may have to give it up.
+static void weigh_tool(const Grid *g, const Tool *t, Estimate *out, Emptied *e) {
+    int64_t low[3], high[3], first, last;
+    const int64_t shells = shell_count(t);
     const double z = t->centre[2];
+    e->occupied_count = 0;
+    box_of(&t->volume, t->centre, g->shape, low, high);
+    for (int64_t i = low[0]; i < high[0]; i++) {
+        const double x = (double)i - t->centre[0];
+        rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
+        for (int64_t j = first; j < last; j++) {
+            const double y = (double)j - t->centre[1];
+            const int64_t row = (i * g->shape[1] + j) * g->shape[2];
+            const float *d = g->density + row;
+            if (!any_bits(d + low[2], most(0, high[2] - low[2]))) continue; // most of a tool has been emptied
+            const Span span = row_span(&t->volume, x, y, z, g->shape[2]);
+            for (int64_t k = span.low; k < span.high; k++) {
+                if (d[k] <= 0.0f) continue;
+                const double far = distance(&t->volume, x, y, (double)k - z);
+                weigh(&t->volume, x, y, (double)k - z, d[k], far, out);
+                e->occupied[e->occupied_count++] = (Occupied){row + k, shell_of(far, shells), coverage_at(far)};
+            }
+        }
+    }
+}
+
+// M_t = sum w_t d, M_s = sum (w_s - w_t) d, and grad M_t (paper equations 4, 5).
+EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out, Emptied *e) {
+    int64_t low[3], high[3], first, last;
+    double both = 0.0;
+    memset(out, 0, sizeof *out);
+    weigh_tool(g, t, out, e);
     box_of(&t->surroundings, t->centre, g->shape, low, high);
-    box_of(&t->volume, t->centre, g->shape, inner_low, inner_high);
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
         rows_of(&t->surroundings, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
-            const double y = (double)j - t->centre[1];
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-            both += covered_sum(&t->surroundings, x, y, z, 0, g->shape[2], d);
-        }
-        if (i < inner_low[0] || i >= inner_high[0]) continue;
-        rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
-        for (int64_t j = first; j < last; j++) {
-            const double y = (double)j - t->centre[1];
-            const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-            if (!any_bits(d + inner_low[2], most(0, inner_high[2] - inner_low[2]))) continue; // most of a tool has been emptied
-            tool_mass += covered_sum(&t->volume, x, y, z, 0, g->shape[2], d);
-            add_gradient(&t->volume, x, y, z, g->shape[2], d, gradient);
+            both += covered_sum(&t->surroundings, x, (double)j - t->centre[1], t->centre[2], 0, g->shape[2], d);
         }
     }
-    out->tool_mass = tool_mass;
-    out->reach_mass = both - tool_mass;
-    for (int a = 0; a < 3; a++) out->gradient[a] = gradient[a];
+    out->reach_mass = both - out->tool_mass;
 }
 
 // ---- the push's frame -----------------------------------------------------------------------------------------------
@@ -445,15 +449,6 @@ static float *emptied_at(const Emptied *e, int64_t a, int64_t b, int64_t c) {
     return e->buffer + ((a - e->low[0]) * e->n[1] + (b - e->low[1])) * e->n[2] + (c - e->low[2]);
 }
 
-static int64_t shell_of(double distance_, int64_t shells) {
-    return most(0, least(shells - 1, floor_of((0.5 - distance_) / SHELL)));
-}
-
-static int64_t shell_count(const Tool *t) {
-    const double deepest = fmin(fmin(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2));
-    return least(MAX_SHELLS, (int64_t)((deepest + 0.5) / SHELL) + 2);
-}
-
 // ---- empty ----------------------------------------------------------------------------------------------------------
 
 // What a voxel can give: the share of its mass inside the tool, w d. Packed material first fills the part of its voxel
@@ -486,34 +481,11 @@ static void send_carry(Emptied *e, float *largest) {
     e->carry -= sent;
 }
 
-// The tool's voxels that hold density, for the two looks that follow: weigh the shells, then take.
-static int64_t list_occupied(const Grid *g, const Tool *t, int64_t shells, Occupied *list) {
-    int64_t low[3], high[3], count = 0, first, last;
-    box_of(&t->volume, t->centre, g->shape, low, high);
-    for (int64_t i = low[0]; i < high[0]; i++) {
-        const double x = (double)i - t->centre[0];
-        rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
-        for (int64_t j = first; j < last; j++) {
-            const double y = (double)j - t->centre[1], z = t->centre[2];
-            const int64_t row = (i * g->shape[1] + j) * g->shape[2];
-            const float *d = g->density + row;
-            const Span span = row_span(&t->volume, x, y, z, g->shape[2]);
-            if (!any_bits(d + span.low, span.high - span.low)) continue; // most of a tool has been emptied
-            for (int64_t k = span.low; k < span.high; k++) {
-                if (d[k] <= 0.0f) continue;
-                const double far = distance(&t->volume, x, y, (double)k - z);
-                list[count++] = (Occupied){row + k, shell_of(far, shells), coverage_at(far)};
-            }
-        }
-    }
-    return count;
-}
-
 // Take mass from the innermost shells of the tool until M_t has fallen by `wanted` (paper 7, steps 2 and 4).
 EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed, Emptied *e) {
     const Frame f = frame_of(g, t, e->axis);
     double mass[MAX_SHELLS];
-    const int64_t shells = shell_count(t), count = list_occupied(g, t, shells, e->occupied);
+    const int64_t shells = shell_count(t), count = e->occupied_count;
     memset(mass, 0, (size_t)shells * sizeof(double));
     for (int64_t q = 0; q < count; q++) {
         const Occupied *o = e->occupied + q;
@@ -832,12 +804,22 @@ static int deposit(float *restrict d, float *restrict flux, int64_t n, float *re
 
 // Lay it down; returns the mass that the row gained, rounding included.
 static double lay_down(float *restrict d, float *restrict flux, int64_t n, const float *restrict laid) {
-    const double former = row_sum(d, n);
-    for (int64_t k = 0; k < n; k++) {
+    double lanes[LANES] = {0.0};
+    int64_t k = 0;
+    for (; k + LANES <= n; k += LANES)
+        for (int l = 0; l < LANES; l++) {
+            const float former = d[k + l], raised = former + laid[k + l];
+            lanes[l] += (double)raised - (double)former;
+            d[k + l] = raised;
+            flux[k + l] -= laid[k + l];
+        }
+    for (; k < n; k++) {
+        const float former = d[k];
         d[k] += laid[k];
+        lanes[0] += (double)d[k] - (double)former;
         flux[k] -= laid[k];
     }
-    return row_sum(d, n) - former;
+    return lane_sum(lanes);
 }
 
 // What M_s gains from a stretch of a row that gained `gained` in all.

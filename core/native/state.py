@@ -92,6 +92,7 @@ class Emptied(Structure):
         ("tool_loss", c_double),
         ("reach_loss", c_double),
         ("occupied", c_void_p),
+        ("occupied_count", c_int64),
         ("carry", c_double),
     ]
 
@@ -269,6 +270,9 @@ class Workspace:
             self.sweep.origin[side] += shift
             self.sweep.window[2 * side] += shift
             self.sweep.window[2 * side + 1] += shift
+        for points, shift in zip((self.sources.x, self.sources.y, self.sources.z), below, strict=True):
+            for q in range(self.sources.count):
+                points[q] += shift
         for dirty in (self.sweep.dirty, self.rim.dirty):
             for a in range(3):
                 if dirty[a] < dirty[3 + a]:
