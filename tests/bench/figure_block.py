@@ -35,7 +35,7 @@ def run():
 def _framed(push: Push) -> np.ndarray:
     """The live grid on the frame that all pictures share: the block with space around it."""
     framed = np.zeros((SIDE + 16, SIDE + 16, SIDE + ABOVE + BELOW), np.float32)
-    start = np.array(push.origin) + (8, 8, BELOW)
+    start = np.add(push.origin, (8, 8, BELOW))
     low = np.maximum(start, 0)
     high = np.minimum(start + push.grid.shape, framed.shape)
     part = push.grid.density[tuple(slice(a, b) for a, b in zip(low - start, high - start))]
@@ -47,14 +47,20 @@ def draw(path) -> None:
     shots, before = run()
     figure = plt.figure(figsize=(13.6, 7.6), layout="constrained", facecolor="#ffffff")
     rows = figure.subplots(2, len(shots), height_ratios=[1.0, 1.06])
-    for (depth, density, mass), seen, cut in zip(shots, rows[0], rows[1]):
+    for (depth, density, _), seen, cut in zip(shots, rows[0], rows[1]):
         view = View(azimuth=38, elevation=18, size=380, across=232)
         show(seen, fog(density, view, FOG_LENGTH), "before" if depth < 0 else f"tip {depth:g} voxels down")
         image = cut.imshow(
-            density[:, density.shape[1] // 2].T, origin="lower", cmap="gray", vmin=0.0, vmax=1.0,
+            density[:, density.shape[1] // 2].T,
+            origin="lower",
+            cmap="gray",
+            vmin=0.0,
+            vmax=1.0,
             extent=(-8.5, SIDE + 7.5, -BELOW - 0.5, SIDE + ABOVE - 0.5),
         )
-        cut.add_patch(plt.Circle(((SIDE - 1) / 2, SIDE - 0.5 - depth + RADIUS), RADIUS, fill=False, ec="#ffb000", lw=1.4))
+        cut.add_patch(
+            plt.Circle(((SIDE - 1) / 2, SIDE - 0.5 - depth + RADIUS), RADIUS, fill=False, ec="#ffb000", lw=1.4)
+        )
         cut.set(xlabel="x (voxels)", ylim=(-BELOW - 0.5, SIDE + ABOVE - 0.5))
         if cut is rows[1][0]:
             cut.set_ylabel("z (voxels)")
@@ -62,8 +68,9 @@ def draw(path) -> None:
             cut.tick_params(labelleft=False)
     figure.colorbar(image, ax=rows[1], label="density", shrink=0.8, aspect=22, pad=0.01)
     figure.suptitle(
-        f"A sphere of {2 * RADIUS:g} voxels pushed along -Z through {SIDE}³ voxels of density {DENSITY:g}: grey is density, opacity is"
-        f" density over {FOG_LENGTH:g} voxels;\nborders grow, and mass stays: {before:.1f} before, {shots[-1][2]:.1f} after",
+        f"A sphere of {2 * RADIUS:g} voxels pushed along -Z through {SIDE}³ voxels of density {DENSITY:g}: "
+        f"grey is density, opacity is density over {FOG_LENGTH:g} voxels;\n"
+        f"borders grow, and mass stays: {before:.1f} before, {shots[-1][2]:.1f} after",
         fontsize=11,
     )
     save(figure, path)

@@ -21,8 +21,14 @@ STROKES = {
     "into the wall of the pot": ((118.0, 30.0, 56.0), (118.0, 30.0, 118.0)),
     "through the crown": ((236.0, 176.0, 118.0), (30.0, 168.0, 118.0)),
 }
-PAINT = ((0.17, (0.42, 0.56, 0.26)), (0.34, (0.46, 0.42, 0.22)), (0.48, (0.50, 0.33, 0.20)), (0.62, (0.55, 0.38, 0.26)),
-         (0.76, (0.62, 0.64, 0.68)), (1.0, (0.75, 0.77, 0.80)))
+PAINT = (
+    (0.17, (0.42, 0.56, 0.26)),
+    (0.34, (0.46, 0.42, 0.22)),
+    (0.48, (0.50, 0.33, 0.20)),
+    (0.62, (0.55, 0.38, 0.26)),
+    (0.76, (0.62, 0.64, 0.68)),
+    (1.0, (0.75, 0.77, 0.80)),
+)
 """Colours by the density just inside the surface: leaves, wood, earth, pot."""
 
 
@@ -55,7 +61,7 @@ def draw(path) -> None:
     cuts.set_axis_off()
     for axes, density, title in ((left, before, "before"), (right, push.grid.density, "after two strokes")):
         upright = np.ascontiguousarray(density.transpose(2, 0, 1))  # y is up in this scan
-        view = View(azimuth=212, elevation=16, size=480, across=250, centre=(128, 122, 118))
+        view = View(azimuth=212, elevation=16, size=420, across=250, centre=(128, 122, 118))
         show(axes, surface(_without_table(upright), view, LEVEL, smooth=0.9, paint=_painter(upright)), title)
     for place, (density, title) in enumerate(((before, "section at x = 118, before"), (push.grid.density, "after"))):
         inset = cuts.inset_axes((0.1, 0.54 - 0.52 * place, 0.9, 0.42))
@@ -64,8 +70,9 @@ def draw(path) -> None:
     inset.set_xlabel("z (voxels)")
     milliseconds = 1000 * np.array(spent)
     figure.suptitle(
-        f"{what}: a sphere of {2 * RADIUS:g} voxels pushed {' and '.join(STROKES)}\n{len(spent)} steps, {moved:,.0f} voxels' worth moved,"
-        f" mass {mass:,.1f} before and {push.grid.mass:,.1f} after, {np.median(milliseconds):.2f} ms a step ({native.name()})",
+        f"{what}: a sphere of {2 * RADIUS:g} voxels pushed {' and '.join(STROKES)}\n"
+        f"{len(spent)} steps, {moved:,.0f} voxels' worth moved, "
+        f"mass {mass:,.1f} before and {push.grid.mass:,.1f} after, {np.median(milliseconds):.2f} ms a step ({native.name()})",
         fontsize=11,
     )
     save(figure, path)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -63,7 +64,12 @@ def measure():
     density[:, :, :SURFACE] = DENSITY
     half = 24.0
     punch = BoxTool((2 * half, 2 * half, half), REACH_AHEAD)
-    push = Push(DensityGrid(density), punch, Material(STIFFNESS / WIDTH**2 * punch.volume.covered_volume, YIELD_RATIO), border="wall")
+    push = Push(
+        DensityGrid(density),
+        punch,
+        Material(STIFFNESS / WIDTH**2 * punch.volume.covered_volume, YIELD_RATIO),
+        border="wall",
+    )
     column = Column(push.k_t * WIDTH**2)
     path, at = [], -2.0
     for turn in TURNS:
@@ -95,8 +101,17 @@ def draw(path) -> None:
             since = max(begin - 1, 0)
             label = None if regime in named else f"measured, {regime}"
             named.add(regime)
-            axes.plot(depths[since:end], stress[since:end], color=REGIME_COLOURS[regime], lw=WIDTHS[leg], ls=DASHES[leg], label=label)
-    worst = max(_difference(column, depths, contacts, turn) for (depths, contacts), turn in zip(legs[::2], (first, second)))
+            axes.plot(
+                depths[since:end],
+                stress[since:end],
+                color=REGIME_COLOURS[regime],
+                lw=WIDTHS[leg],
+                ls=DASHES[leg],
+                label=label,
+            )
+    worst = max(
+        _difference(column, depths, contacts, turn) for (depths, contacts), turn in zip(legs[::2], (first, second))
+    )
     _annotate(axes, column, first)
     axes.axhline(0.0, color=INK, lw=0.8)
     axes.text(first + 0.4, float(column.loading(first)), "dashed: the second way in", va="top", fontsize=8, alpha=0.8)
@@ -105,8 +120,9 @@ def draw(path) -> None:
         ylabel="stress σ (N)",
         xlim=(-1.0, second + 1.5),
         ylim=(-0.06 * column.plateau, 1.3 * column.plateau),
-        title=f"Elastic loading, plastic loading, unloading: density {DENSITY}, κ = {YIELD_RATIO}, reach D = {REACH_AHEAD:g}"
-        f" voxels\nlargest difference from the closed form on the way in: {worst:.1%} of the plateau",
+        title="Elastic loading, plastic loading, unloading: "
+        f"density {DENSITY}, κ = {YIELD_RATIO}, reach D = {REACH_AHEAD:g} voxels\n"
+        f"largest difference from the closed form on the way in: {worst:.1%} of the plateau",
     )
     axes.legend(loc="lower center", bbox_to_anchor=(0.6, 0.06))
     save(figure, path)
@@ -115,7 +131,7 @@ def draw(path) -> None:
 def _runs(values: np.ndarray):
     edges = np.nonzero(values[1:] != values[:-1])[0] + 1
     bounds = [0, *edges.tolist(), len(values)]
-    return zip(bounds[:-1], bounds[1:])
+    return pairwise(bounds)
 
 
 def _difference(column: Column, depths, contacts, turn: float) -> float:
@@ -131,13 +147,23 @@ def _annotate(axes, column: Column, turn: float) -> None:
     notes = {"fontsize": 10, "color": INK}
     axes.text(0.36 * column.yield_depth, column.slope * column.yield_depth * 0.62, "E", ha="right", **notes)
     middle = (turn + column.plateau_depth) / 2
-    axes.text(middle, float(column.loading(middle)) + 0.05 * column.plateau, r"$E_{ep} = E\,κ/(1+κ)$", ha="right", **notes)
+    axes.text(
+        middle, float(column.loading(middle)) + 0.05 * column.plateau, r"$E_{ep} = E\,κ/(1+κ)$", ha="right", **notes
+    )
     axes.text(left + 0.62 * (turn - left) + 0.5, 0.55 * at_turn, r"$E/d_0$", ha="left", **notes)
-    axes.annotate("", (0, -0.028 * column.plateau), (left, -0.028 * column.plateau),
-                  arrowprops={"arrowstyle": "<->", "color": INK})
+    axes.annotate(
+        "",
+        (0, -0.028 * column.plateau),
+        (left, -0.028 * column.plateau),
+        arrowprops={"arrowstyle": "<->", "color": INK},
+    )
     axes.text(left + 0.75, 0.02 * column.plateau, "the last voxel of\na front is part full", fontsize=8, alpha=0.8)
     axes.text(left / 2, 0.02 * column.plateau, "permanent Δε", ha="center", fontsize=9)
     first_yield = column.slope * column.yield_depth
-    for height, text in ((first_yield, r"$σ_e$"), (at_turn, r"$σ_f$ after the first cycle"), (column.plateau, "plateau $k_t A κ D$")):
+    for height, text in (
+        (first_yield, r"$σ_e$"),
+        (at_turn, r"$σ_f$ after the first cycle"),
+        (column.plateau, "plateau $k_t A κ D$"),
+    ):
         axes.axhline(height, color=INK, lw=0.6, ls=":", alpha=0.6)
         axes.text(-0.8, height, text, va="bottom", ha="left", fontsize=8.5)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import numpy as np
 from drawing import INK, save
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, SymLogNorm
 from matplotlib.patches import Circle
 
 from repousse.core import DensityGrid, Material, Push, SphereTool
@@ -14,7 +14,11 @@ from repousse.core.dispersion import DISPERSION, dominant_axis, spreading
 
 SIDE, SURFACE, DENSITY, RADIUS = 25, 15, 0.95, 4.0
 """Dense enough that one voxel's mass needs several planes of neighbours."""
-DIRECTIONS = {"along -z": (0.0, 0.0, -1.0), "along (0, 1, -1)": (0.0, 1.0, -1.0), "along (.33, .5, -.8)": (0.33, 0.5, -0.8)}
+DIRECTIONS = {
+    "along -z": (0.0, 0.0, -1.0),
+    "along (0, 1, -1)": (0.0, 1.0, -1.0),
+    "along (.33, .5, -.8)": (0.33, 0.5, -0.8),
+}
 PLANES = 28
 STEP, LATER = 0.005, 0.6
 
@@ -53,8 +57,10 @@ def draw(path) -> None:
     figure = plt.figure(figsize=(12.0, 8.2), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=[1, 1])
     first, later, swept = top.subplots(1, 3)
-    image = _section(first, *section_at("recursive", None), "the paper's recursion: the first voxel\n0 gives up density; 1, 2, ... take it up")
-    _section(later, *section_at("recursive", LATER), f"the paper's recursion: the next ones\n{LATER} voxels deep")
+    first_voxel = "the paper's recursion: the first voxel\n0 gives up density; 1, 2, ... take it up"
+    next_ones = f"the paper's recursion: the next ones\n{LATER} voxels deep"
+    image = _section(first, *section_at("recursive", None), first_voxel)
+    _section(later, *section_at("recursive", LATER), next_ones)
     _section(swept, *section_at("sweep", LATER), "the sweep, at the same depth\nwhole shells of the tool at once")
     top.colorbar(image, ax=[first, later, swept], label="change of density", shrink=0.85, aspect=18, pad=0.01)
     for axes, (name, direction) in zip(panels := bottom.subplots(1, 3), DIRECTIONS.items()):
@@ -64,11 +70,13 @@ def draw(path) -> None:
 
 
 def _section(axes, change, height, title):
-    image = axes.imshow(change.T, origin="lower", cmap="RdBu_r", norm=plt.matplotlib.colors.SymLogNorm(0.005, vmin=-1, vmax=1))
+    image = axes.imshow(change.T, origin="lower", cmap="RdBu_r", norm=SymLogNorm(0.005, vmin=-1, vmax=1))
     gave = np.argwhere(change < -1e-6)
     for x, z in np.argwhere(np.abs(change) > 1e-6):
         level = 0 if change[x, z] < 0 else int(gave[:, 1].max() - z)
-        axes.text(x, z, level, ha="center", va="center", fontsize=7.5, color="white" if abs(change[x, z]) > 0.2 else INK)
+        axes.text(
+            x, z, level, ha="center", va="center", fontsize=7.5, color="white" if abs(change[x, z]) > 0.2 else INK
+        )
     axes.add_patch(Circle((SIDE // 2, height), RADIUS, fill=False, ec="#e09000", lw=1.8))
     axes.axhline(SURFACE - 0.5, color=INK, lw=0.8, ls=":")
     axes.set_xticks(np.arange(-0.5, SIDE), minor=True)
@@ -82,7 +90,11 @@ def _section(axes, change, height, title):
 def _footprint(axes, name, direction):
     rows, start = footprint(direction)
     image = axes.imshow(
-        np.ma.masked_less(rows, 1e-5), cmap="magma_r", norm=LogNorm(1e-5, 1.0), interpolation="nearest", aspect="equal",
+        np.ma.masked_less(rows, 1e-5),
+        cmap="magma_r",
+        norm=LogNorm(1e-5, 1.0),
+        interpolation="nearest",
+        aspect="equal",
         extent=(-start - 0.5, start + 0.5, PLANES - 0.5, -0.5),
     )
     u = np.array(direction) / np.linalg.norm(direction)
@@ -94,9 +106,11 @@ def _footprint(axes, name, direction):
     axes.plot(mean, planes, color="#0b6e99", lw=1.4, label="u")
     axes.plot(mean + deviation, planes, color="#0b6e99", lw=1.0, ls="--", label="± one deviation, D = 0.3")
     axes.plot(mean - deviation, planes, color="#0b6e99", lw=1.0, ls="--")
-    for side in (-1, 1):
-        axes.plot((np.round(across / abs(u[axis])) + side) * planes, planes, color=INK, lw=0.8, ls=":", label="the pyramid's faces" if side == 1 else None)
-    axes.set(xlim=(-24, 24), ylim=(PLANES - 0.5, -1.5), xlabel="voxels across", ylabel="planes ahead", title=f"forward kernel {name}")
+    shift = np.round(across / abs(u[axis]))
+    for side, label in ((-1, None), (1, "the pyramid's faces")):
+        axes.plot((shift + side) * planes, planes, color=INK, lw=0.8, ls=":", label=label)
+    axes.set(xlim=(-24, 24), ylim=(PLANES - 0.5, -1.5), title=f"forward kernel {name}")
+    axes.set(xlabel="voxels across", ylabel="planes ahead")
     if across < 0.0:  # where there is room for it
         axes.legend(loc="lower right", handlelength=1.4, fontsize=8)
     return image

@@ -32,7 +32,9 @@ def draw(path) -> None:
             pictures[contact.regime] = (push.grid.density[:, SIDE // 2 - 1].copy(), depth, travelled * STEP, contact)
 
     figure = plt.figure(figsize=(11.6, 6.4), layout="constrained")
-    places = figure.subplot_mosaic([["none", "elastic", "plastic", "unloading"], ["trace"] * 4], height_ratios=[1.25, 1])
+    places = figure.subplot_mosaic(
+        [["none", "elastic", "plastic", "unloading"], ["trace"] * 4], height_ratios=[1.25, 1]
+    )
     full = push.material.full_force
     for regime in SHOWN:
         image = _section(places[regime.value], *pictures[regime], middle, face, full)
@@ -49,12 +51,18 @@ def _section(axes, section, depth, travelled, contact, middle, face, full):
     axes.axhline(face, color="#7fb4e6", lw=0.8, ls=":")
     force = contact.force[2] / full
     if force > 0.0:
-        axes.annotate("", (middle, height + 70.0 * force), (middle, height),
-                      arrowprops={"arrowstyle": "-|>", "color": "#58c4ff", "lw": 2.2})
+        axes.annotate(
+            "",
+            (middle, height + 70.0 * force),
+            (middle, height),
+            arrowprops={"arrowstyle": "-|>", "color": "#58c4ff", "lw": 2.2},
+        )
     axes.set(xlim=(3, SIDE - 5), ylim=(6, SIDE - 1), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     colour = REGIME_COLOURS[contact.regime.value]
-    axes.set_title(f"{contact.regime.value}\n$σ$ = {contact.stress:.3f} N, $σ_f$ = {contact.yield_stress:.3f} N", color=colour)
+    axes.set_title(
+        f"{contact.regime.value}\n$σ$ = {contact.stress:.3f} N, $σ_f$ = {contact.yield_stress:.3f} N", color=colour
+    )
     return image
 
 
@@ -70,9 +78,11 @@ def _trace(axes, trace, pictures) -> None:
     regimes = np.array([c.regime.value for _, c in trace])
     for regime, colour in REGIME_COLOURS.items():
         axes.fill_between(travelled, 0.0, top, where=regimes == regime, color=colour, alpha=0.10, lw=0, step="mid")
-    for regime, (_, depth, at, contact) in pictures.items():
+    for regime, (_, _, at, contact) in pictures.items():
         axes.plot(at, contact.stress, "o", color=REGIME_COLOURS[regime.value], ms=8, mec="white", zorder=5)
     axes.axvline(DEEPEST + 3.0, color=INK, lw=0.6, ls=":")
     axes.text(DEEPEST + 3.1, 0.02 * top, "the tool turns back", fontsize=8)
-    axes.set(xlabel="travel of the tool (voxels): 16 in, then out", ylabel="newtons", ylim=(0, top), xlim=(0, travelled[-1]))
+    axes.set(
+        xlabel="travel of the tool (voxels): 16 in, then out", ylabel="newtons", ylim=(0, top), xlim=(0, travelled[-1])
+    )
     axes.legend(loc="upper left", ncols=1)

@@ -32,7 +32,7 @@ def press(depth_in_radii: float, density: float = 1.0) -> np.ndarray:
 
 
 def by_radius(values: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Means of ``values`` (nx, ny, ...) over rings of ``width`` voxels around the middle: radii (n,), means (n, ...)."""
+    """Means of ``values`` (nx, ny, ...) over rings of ``width`` voxels about the middle: radii (n,), means (n, ...)."""
     offsets = np.arange(SIDE) - SIDE // 2
     ring = np.floor(np.hypot(*np.meshgrid(offsets, offsets, indexing="ij")) / width + 0.5).astype(int).ravel()
     count = np.bincount(ring)
@@ -115,10 +115,19 @@ def _draw_flow(axes, density: np.ndarray) -> None:
     for side in (-1, 1):
         axes.quiver(side * r, z + 0.5 - FLOW_DEEP, side * u, v, **arrows)
     axes.axhline(band - FLOW_DEEP, color="#b06d00", lw=2.0)
-    axes.text(-FLOW_ACROSS + 2, band - FLOW_DEEP - 1, "reflecting band, R ahead of the tool", va="top", color="#8a5500", fontsize=9)
+    axes.text(
+        -FLOW_ACROSS + 2,
+        band - FLOW_DEEP - 1,
+        "reflecting band, R ahead of the tool",
+        va="top",
+        color="#8a5500",
+        fontsize=9,
+    )
     axes.axhline(0.0, color=INK, lw=0.6, ls=":")
     axes.add_patch(plt.Circle((0, RADIUS - DEEP * RADIUS), RADIUS, fill=False, ec="#e09000", lw=1.6))
-    axes.set(xlim=(-FLOW_ACROSS, FLOW_ACROSS), ylim=(-FLOW_DEEP + 10, FLOW_ABOVE), xlabel="voxels", ylabel="height (voxels)")
+    axes.set(
+        xlim=(-FLOW_ACROSS, FLOW_ACROSS), ylim=(-FLOW_DEEP + 10, FLOW_ABOVE), xlabel="voxels", ylabel="height (voxels)"
+    )
     axes.set_title(f"What moved: R = {RADIUS:g}, {DEEP:g} R deep, packed clay\narrows: the least flow that carries it")
     axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.7, aspect=30, label="change of density")
 
@@ -127,13 +136,16 @@ def _draw_profile(axes, pressed: dict[float, np.ndarray]) -> None:
     table = np.loadtxt(Path(__file__).with_name("fem_profile.csv"), delimiter=",", skiprows=5)
     radius, height, radius_hardening, height_hardening = table.T
     axes.plot(radius, height, color=INK, lw=2.2, label="finite elements, E/Y = 500, .15 R")
-    axes.plot(radius_hardening, height_hardening, color=INK, lw=1.2, ls="--",
-              label="finite elements, hardening H = E/100")
+    axes.plot(
+        radius_hardening, height_hardening, color=INK, lw=1.2, ls="--", label="finite elements, hardening H = E/100"
+    )
     for (depth, density), colour in zip(pressed.items(), ("#c8432b", "#e0a040")):
         height = (density.sum(axis=2, dtype=np.float64) - SURFACE) / (depth * RADIUS)
         radius, means = by_radius(height, 1.0)
         crest = int(means.argmax())
-        axes.plot(radius / RADIUS, means, color=colour, lw=1.8, label=f"this program, {depth:g} R: rim {means[crest]:.2f}")
+        axes.plot(
+            radius / RADIUS, means, color=colour, lw=1.8, label=f"this program, {depth:g} R: rim {means[crest]:.2f}"
+        )
     axes.axhline(0.0, color=INK, lw=0.6)
     axes.set(xlim=(0.35, 2.2), ylim=(-0.35, 0.6), xlabel="distance from the axis, r / R", ylabel="height / depth")
     axes.set_title("The rim it raises\nagainst von Mises finite elements")

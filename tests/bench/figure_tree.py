@@ -20,7 +20,7 @@ def sculpt() -> tuple[DensityGrid, list, dict[str, int | float]]:
     """Replay all strokes: the grid at the end, (title, density) of the stages before it, and sums over the strokes."""
     grid = tree.block()
     mass, out = grid.mass, 0.0
-    stages, strokes, poses, former = [("a block", grid.density.copy())], 0, 0, ""
+    stages, strokes, poses, former, before = [("a block", grid.density.copy())], 0, 0, "", None
     for name, stroke, contacts in tqdm(
         tree.replay(grid), total=len(list(tree.STROKES.glob("tree-*.jsonl"))), unit="stroke", leave=False, disable=None
     ):

@@ -25,7 +25,9 @@ def main() -> None:
     with tqdm(sorted(set(options.numbers)) or FIGURES, unit="figure", disable=None) as bar:
         for number in bar:
             bar.set_description(f"figure {number}, {FIGURES[number]}")
-            importlib.import_module(f"figure_{FIGURES[number]}").draw(options.out / f"figure-{number}-{FIGURES[number]}.png")
+            importlib.import_module(f"figure_{FIGURES[number]}").draw(
+                options.out / f"figure-{number}-{FIGURES[number]}.png"
+            )
     print(f"figures are in {options.out}")
 
 

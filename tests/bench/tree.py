@@ -8,6 +8,7 @@ tree's surface and pushes what is outside it over the border of the block, as a 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +23,20 @@ CROWN = np.array([63.5, 63.5, 100.0])
 CROWN_BALLS = np.array(
     [
         # x, y, z of its middle from CROWN, and its radius
-        (0, 0, 8, 25), (20, 6, -4, 19), (-19, 9, -6, 18), (4, -21, -7, 19), (-4, 21, 0, 18), (15, -15, 11, 17),
-        (-17, -13, 8, 17), (12, 15, 17, 16), (-10, 8, 22, 16), (2, -8, 26, 15), (27, -12, -12, 12), (-26, -12, -15, 12),
-        (-12, 27, -16, 11), (22, 22, -10, 13),
+        (0, 0, 8, 25),
+        (20, 6, -4, 19),
+        (-19, 9, -6, 18),
+        (4, -21, -7, 19),
+        (-4, 21, 0, 18),
+        (15, -15, 11, 17),
+        (-17, -13, 8, 17),
+        (12, 15, 17, 16),
+        (-10, 8, 22, 16),
+        (2, -8, 26, 15),
+        (27, -12, -12, 12),
+        (-26, -12, -15, 12),
+        (-12, 27, -16, 11),
+        (22, 22, -10, 13),
     ],
     dtype=np.float64,
 )
@@ -105,7 +117,7 @@ def strokes() -> Iterator[tuple[str, Stroke]]:
         passes = [outward(start, heading, 7.0) for start, heading in around(height, 32, 0.5 * (level % 2))]
         yield f"round-{level:02d}", stroke_of(ball, [p for p in passes if p is not None])
     rises = np.linspace(1.0, -0.05, 9)
-    for band, (high, low) in enumerate(zip(rises[:-1], rises[1:])):
+    for band, (high, low) in enumerate(pairwise(rises.tolist())):
         passes = [outward(start, heading, 7.0) for start, heading in over(low, high + 1e-9, 900)]
         yield f"crown-{band}", stroke_of(ball, [p for p in passes if p is not None])
     yield from _clearing()
