@@ -72,7 +72,8 @@ def draw(path) -> None:
     figure.suptitle(
         f"{what}: a sphere of {2 * RADIUS:g} voxels pushed {' and '.join(STROKES)}\n"
         f"{len(spent)} steps, {moved:,.0f} voxels' worth moved, "
-        f"mass {mass:,.1f} before and {push.grid.mass:,.1f} after, {np.median(milliseconds):.2f} ms a step ({native.name()})",
+        f"mass {mass:,.1f} before and {push.grid.mass:,.1f} after, "
+        f"{np.median(milliseconds):.2f} ms a step ({native.name()})",
         fontsize=11,
     )
     save(figure, path)
