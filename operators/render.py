@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A picture of a volume before and after, by Cycles on the CPU, without a window.
 
-The surface of density 1/2 is shown as a mesh in clay: faster than a volume, its dents read better, and Blender builds
+The surface of the body is shown as a mesh in clay: faster than a volume, its dents read better, and Blender builds
 without volume rendering show it as well.
 """
 
@@ -53,17 +53,23 @@ def before_after(
     ``low`` and ``high`` are the corners, in voxels of ``before``, of what the camera is to keep in view and dwell on.
     Raises ValueError when there is no surface to show.
     """
-    meshes = [surface(grid) for grid in (before, after)]
+    level = surface_level(before)
+    meshes = [surface(grid, level) for grid in (before, after)]
     if not all(len(quads) for _, quads in meshes):
-        raise ValueError("there is no picture to make: no voxel of the volume is as dense as 1/2")
+        raise ValueError(f"there is no picture to make: nothing is left of the surface of density {level:.3g}")
     with _studio() as scene:
         _frame(scene, meshes[0][0], before.transform, towards, low, high)
         pictures = [_rendered(scene, points, quads, path) for points, quads in meshes]
     _save(np.concatenate(pictures, axis=1), path)
 
 
-def surface(grid: DensityGrid) -> tuple[np.ndarray, np.ndarray]:
-    """The surface of density 1/2: points (n, 3) float32 in the world, and quads (m, 4) of their indices.
+def surface_level(grid: DensityGrid) -> float:
+    """The density that is shown as the surface: half of what the densest hundredth of a volume has (clay: 1/2)."""
+    return 0.5 * float(np.percentile(grid.density[grid.density > 0.0], 99))
+
+
+def surface(grid: DensityGrid, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """The surface of density ``level``: points (n, 3) float32 in the world, and quads (m, 4) of their indices.
 
     The density is smoothed over two voxels first, for steps of one voxel catch grazing light.
     """
@@ -72,7 +78,7 @@ def surface(grid: DensityGrid) -> tuple[np.ndarray, np.ndarray]:
     part = grid.density[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
     fog = openvdb.FloatGrid()
     fog.copyFromArray(_smoothed(np.pad(part, 3)), tolerance=0.0)
-    points, quads = fog.convertToQuads(isovalue=0.5)
+    points, quads = fog.convertToQuads(isovalue=level)
     points = points + (low - 3.0)
     world = points @ grid.transform[:3, :3].T + grid.transform[:3, 3]
     # OpenVDB takes what is below the iso value for the inside; density is the other way round.

@@ -201,7 +201,6 @@ BAD = {
     "no such folder": (["push", "block:8", *LINE, "--out", "{tmp}/none/o.vdb"], "none/o.vdb: cannot be written"),
     "no such format": (["push", "block:8", *LINE, "--out", "{tmp}/o.obj"], "o.obj: cannot be written"),
     "one name twice": (["push", "block:8", *LINE, "--trace", "{tmp}/o.vdb"], "o.vdb: two outputs"),
-    "nothing to show": (["push", "block:8:.3", *LINE], "no picture"),
 }
 
 
