@@ -19,7 +19,8 @@ from .native.state import Workspace, pointer
 class History:
     """What a grid was when this was made, for as long as every change goes through the workspace it is attached to."""
 
-    def __init__(self, grid: DensityGrid) -> None:
+    def __init__(self, grid: DensityGrid, carry: float = 0.0) -> None:
+        self.carry = carry  # what rounding owed when this began: a push that is restored goes on as it would have
         self._density = grid.density
         self._shape, self._transform = grid.shape, grid.transform.copy()
         self._offset = np.zeros(3, np.int64)

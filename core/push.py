@@ -168,7 +168,7 @@ class Push:
 
     def remember(self) -> History:
         """Keep before-images of all that changes from here on."""
-        history = History(self.grid)
+        history = History(self.grid, self._work.emptied.carry)
         history.attach(self._work)
         return history
 
@@ -177,6 +177,7 @@ class Push:
         self.origin = history.origin_in(self.origin)
         history.restore(self.grid)
         history.detach(self._work)
+        self._work.emptied.carry = history.carry
         self._work.attach(self.grid.density)
         self.lift()
 
@@ -357,7 +358,7 @@ class Push:
         self.grid.grow(below, (int(above[0]), int(above[1]), int(above[2])))
         x, y, z = self.origin
         self.origin = (x - below[0], y - below[1], z - below[2])
-        work.attach(self.grid.density)
+        work.attach(self.grid.density, sweeping=True)
         work.moved(below)
         if work.history is not None:
             work.history.grew(self.grid.density, below)

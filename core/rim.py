@@ -161,11 +161,12 @@ def _gather_numpy(work: Workspace, direction: np.ndarray, length: float, wake: f
     full = _full_neighbours(work, index, distance < 1.6)
     kept = (room > NEARLY_FULL) & (full > 0) & ~_in_wake(work.volume, direction, wake, at)
     index, full = index[:, kept], full[kept] * np.minimum(room[kept] / LITTLE_ROOM, 1.0).astype(np.float32)
-    weight = _hat_sum(points, np.array(sources.mass[: sources.count]), length, index)
+    mass = np.array(sources.mass[: sources.count])
+    middle = ((points * mass).sum(axis=1) / mass.sum())[:, None]
+    weight = _hat_sum(points - middle, mass, length, index - middle)
     kept = weight > 0.0
     index, weight = index[:, kept], weight[kept] * full[kept]
-    mass = np.array(sources.mass[: sources.count])
-    kept = _joined(work, (points * mass).sum(axis=1) / mass.sum(), index)
+    kept = _joined(work, middle[:, 0], index)
     index, weight = index[:, kept], weight[kept]
     if len(weight) > work.rim.capacity:
         work.reserve_rim(2 * len(weight))
@@ -207,10 +208,10 @@ def _in_wake(volume: Shape, direction: np.ndarray, wake: float, at: np.ndarray) 
     return (behind > 0.0) & (volume.distance(*(at + behind * direction[:, None])) < 0.5)
 
 
-def _hat_sum(points: np.ndarray, mass: np.ndarray, length: float, index: np.ndarray) -> np.ndarray:
+def _hat_sum(points: np.ndarray, mass: np.ndarray, length: float, at: np.ndarray) -> np.ndarray:
     inverse = np.float32(1.0 / length)
-    total = np.zeros(index.shape[1], np.float32)
-    at = index.astype(np.float32)
+    total = np.zeros(at.shape[1], np.float32)
+    at = at.astype(np.float32)
     for point, e in zip(points.T.astype(np.float32), mass.astype(np.float32), strict=True):
         dx, dy, dz = (at[a] - point[a] for a in range(3))
         total += e * np.maximum(np.float32(1.0) - np.sqrt(dx * dx + dy * dy + dz * dz) * inverse, np.float32(0.0))

@@ -978,7 +978,7 @@ EXPORT void repousse_rim_sources(const Grid *g, const Tool *t, const Emptied *e,
     out->contact_radius = sqrt(fmax(2.0 * spread2, 0.0));
 }
 
-typedef struct {
+typedef struct { // positions relative to their mean
     float x[MAX_POINTS + LANES], y[MAX_POINTS + LANES], z[MAX_POINTS + LANES], mass[MAX_POINTS + LANES];
     int64_t padded;
     double centre[3], low[3], high[3];
@@ -994,10 +994,6 @@ static Points points_of(const Sources *s) {
     }
     for (int64_t q = 0; q < s->count; q++) {
         const double at[3] = {s->x[q], s->y[q], s->z[q]};
-        p.x[q] = (float)at[0];
-        p.y[q] = (float)at[1];
-        p.z[q] = (float)at[2];
-        p.mass[q] = (float)s->mass[q];
         total += s->mass[q];
         for (int i = 0; i < 3; i++) {
             p.centre[i] += s->mass[q] * at[i];
@@ -1006,12 +1002,19 @@ static Points points_of(const Sources *s) {
         }
     }
     for (int i = 0; i < 3; i++) p.centre[i] /= total;
+    for (int64_t q = 0; q < s->count; q++) {
+        p.x[q] = (float)(s->x[q] - p.centre[0]);
+        p.y[q] = (float)(s->y[q] - p.centre[1]);
+        p.z[q] = (float)(s->z[q] - p.centre[2]);
+        p.mass[q] = (float)s->mass[q];
+    }
     return p;
 }
 
 // sum over the sources of e max(0, 1 - |x - x_s| / L)
 static float hat_sum(const Points *p, double length, int64_t i, int64_t j, int64_t k) {
-    const float x = (float)i, y = (float)j, z = (float)k, inverse = (float)(1.0 / length);
+    const float x = (float)((double)i - p->centre[0]), y = (float)((double)j - p->centre[1]), z = (float)((double)k - p->centre[2]);
+    const float inverse = (float)(1.0 / length);
     float lanes[LANES] = {0.0f};
     for (int64_t q = 0; q < p->padded; q += LANES)
         for (int l = 0; l < LANES; l++) {
@@ -1178,12 +1181,12 @@ EXPORT int64_t repousse_rim_gather(const Grid *g, const Tool *t, const Sources *
                     k += STRETCH;
                     continue;
                 }
-                const int64_t end = least(k + LANES, row.high);
+                const int64_t begin = k, end = least(k + LANES, row.high);
                 uint8_t marks[LANES] = {1, 1, 1, 1, 1, 1, 1, 1}; // at the grid's ends the exact test decides
                 if (k > 0 && k + LANES < n)
                     mark(&rows, k < beside_tool.high && end > beside_tool.low ? 0.49f : 1.0f - NEARLY_FULL, k, marks);
                 for (; k < end; k++)
-                    if (marks[LANES - (end - k)] && list_voxel(r, (i * g->shape[1] + j) * n + k, rise_weight(g, t, &p, r, length, i, j, k)) == LIST_FULL)
+                    if (marks[k - begin] && list_voxel(r, (i * g->shape[1] + j) * n + k, rise_weight(g, t, &p, r, length, i, j, k)) == LIST_FULL)
                         return LIST_FULL;
             }
         }

@@ -195,6 +195,185 @@ class Workspace:
         self._fluxes: list[np.ndarray] = []
         self.attach(density)
 
+    def attach(self, density: np.ndarray, sweeping: bool = False) -> None:
+        """Work on this array from now on; the flux of a sweep that is under way is carried over."""
+        self.density = density
+        self.grid.density = pointer(density, c_float)
+        self.grid.shape[:] = density.shape
+        nx, ny, nz = density.shape
+        former = [f for f in self._fluxes if sweeping and f.ctypes.data == ctypes.addressof(self.sweep.flux.contents)]
+        cells = (max(nx, ny) + 8) * (max(ny, nz) + 32)  # the largest window, its frame, and whole lanes
+        self._fluxes = [np.empty(cells, np.float32), np.empty(cells, np.float32)]
+        for flux in former:
+            self._fluxes[0][: flux.size] = flux
+        self.sweep.flux, self.sweep.next = (pointer(flux, c_float) for flux in self._fluxes)
+        self._row = np.empty(max(density.shape) + 8, np.float32)
+        self._slab = np.empty(SLAB_PLANES * nx * ny, np.float32)
+        self.sweep.row, self.sweep.slab = pointer(self._row, c_float), pointer(self._slab, c_float)
+        self._zeros = np.zeros(nz, np.float32)
+        self.rim.zeros = pointer(self._zeros, c_float)
+
+    def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
+        """Copy the bricks of a half-open box that are not kept yet."""
+        ...
+
+    def grew(self, density: np.ndarray, below: tuple[int, int, int]) -> None:
+        """The grid now lives in another array."""
+        ...
+
+    def attach(self, work: Workspace) -> None:
+        """Tell the kernels where to keep bricks."""
+        ...
+
+
+class ShapeState(Structure):
+    """Shape of kernels.c."""
+
+    _fields_ = [("half_size", c_double * 3), ("half_axis", c_double * 3), ("radius", c_double), ("ball", c_int64)]
+
+
+class ToolState(Structure):
+    """Tool of kernels.c."""
+
+    _fields_ = [("volume", ShapeState), ("surroundings", ShapeState), ("centre", c_double * 3)]
+
+
+class GridState(Structure):
+    """Grid of kernels.c."""
+
+    _fields_ = [
+        ("density", POINTER(c_float)),
+        ("shape", c_int64 * 3),
+        ("kept", POINTER(c_uint8)),
+        ("images", POINTER(c_float)),
+        ("bricks", POINTER(c_int64)),
+        ("kept_count", POINTER(c_int64)),
+    ]
+
+
+class Estimate(Structure):
+    """M_t, M_s in voxels' worth, and grad M_t in voxels' worth per voxel of the tool's travel."""
+
+    _fields_ = [("tool_mass", c_double), ("reach_mass", c_double), ("gradient", c_double * 3)]
+
+
+class Emptied(Structure):
+    """What left the tool, voxel by voxel: indices and box in (a, b, c) order, masses in voxels' worth."""
+
+    _fields_ = [
+        ("axis", c_int64),
+        ("buffer", POINTER(c_float)),
+        ("low", c_int64 * 3),
+        ("n", c_int64 * 3),
+        ("first", c_int64 * 3),
+        ("last", c_int64 * 3),
+        ("mass", c_double),
+        ("tool_loss", c_double),
+        ("reach_loss", c_double),
+        ("occupied", c_void_p),
+        ("occupied_count", c_int64),
+        ("carry", c_double),
+    ]
+
+
+class Sweep(Structure):
+    """A sweep under way: flux and window in (b, c), and what it has done so far in voxels' worth."""
+
+    _fields_ = [
+        ("direction", c_double * 3),
+        ("limit", c_double),
+        ("weights", c_float * 9),
+        ("shift", c_int64 * 2),
+        ("border", c_int64),
+        ("flux", POINTER(c_float)),
+        ("next", POINTER(c_float)),
+        ("row", POINTER(c_float)),
+        ("slab", POINTER(c_float)),
+        ("window", c_int64 * 4),
+        ("origin", c_int64 * 2),
+        ("stride", c_int64),
+        ("plane", c_int64),
+        ("spread_done", c_int64),
+        ("needs", c_int64 * 6),
+        ("laid", c_double),
+        ("reach_gain", c_double),
+        ("mass_out", c_double),
+        ("surplus", c_double),
+        ("planes", c_int64),
+        ("visited", c_int64),
+        ("dirty", c_int64 * 6),
+    ]
+
+
+class Sources(Structure):
+    """Clusters of emptied material: mean positions (voxels) and masses; the contact radius in voxels."""
+
+    _fields_ = [
+        ("x", c_double * MAX_POINTS),
+        ("y", c_double * MAX_POINTS),
+        ("z", c_double * MAX_POINTS),
+        ("mass", c_double * MAX_POINTS),
+        ("count", c_int64),
+        ("contact_radius", c_double),
+    ]
+
+
+class Rim(Structure):
+    """The free surface that can take material, and the rules by which it is found."""
+
+    _fields_ = [
+        ("index", POINTER(c_int64)),
+        ("weight", POINTER(c_float)),
+        ("spill_index", POINTER(c_int64)),
+        ("spill", POINTER(c_float)),
+        ("capacity", c_int64),
+        ("count", c_int64),
+        ("spilling", c_int64),
+        ("zeros", POINTER(c_float)),
+        ("direction", c_double * 3),
+        ("wake", c_double),
+        ("dirty", c_int64 * 6),
+    ]
+
+
+def pointer(array: np.ndarray, kind: type) -> Any:
+    """A ctypes pointer to an array's memory; the caller keeps the array."""
+    return array.ctypes.data_as(POINTER(kind))
+
+
+def shape_state(shape: Shape) -> ShapeState:
+    """A shape as the kernels read it."""
+    ball = not any(shape.half_size) and not any(shape.half_axis)
+    return ShapeState((c_double * 3)(*shape.half_size), (c_double * 3)(*shape.half_axis), shape.radius, ball)
+
+
+def no_box() -> tuple[int, ...]:
+    """An empty dirty box: what `mark_dirty` in kernels.c starts from."""
+    return (_FAR, _FAR, _FAR, -_FAR, -_FAR, -_FAR)
+
+
+def box_from(dirty: Sequence[int]) -> Box | None:
+    """A dirty box as Python has it, or None when nothing was written."""
+    i0, j0, k0, i1, j1, k1 = dirty
+    return ((i0, j0, k0), (i1, j1, k1)) if i0 < i1 else None
+
+
+class Workspace:
+    """One grid, one tool, and all scratch of a push; allocated once, so that a step allocates nothing.
+
+    Attributes are the structures above: ``grid``, ``tool``, ``estimate``, ``emptied``, ``sweep``, ``sources``, ``rim``;
+    ``density`` and ``buffer`` are the arrays behind them, and ``flux`` is the numpy twin's flux of the running sweep.
+    """
+
+    def __init__(self, density: np.ndarray) -> None:
+        self.library = library()
+        self.grid, self.tool, self.estimate = GridState(), ToolState(), Estimate()
+        self.emptied, self.sweep, self.sources, self.rim = Emptied(), Sweep(), Sources(), Rim()
+        self.flux = np.zeros((0, 0), np.float32)
+        self.history: Keeper | None = None
+        self._fluxes: list[np.ndarray] = []
+        self.attach(density)
+
     def attach(self, density: np.ndarray) -> None:
         """Work on this array from now on; a flux that is under way is carried over."""
         self.density = density
