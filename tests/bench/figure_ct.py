@@ -42,7 +42,7 @@ def load() -> tuple[DensityGrid, str]:
     stem = ((x - 118) ** 2 + (z - 128) ** 2 < 81) & (y > 40) & (y < 180)
     pot = (np.hypot(x - 118, z - 128) < 52) & (y < 56)
     density = np.where(pot, 0.8, np.where(stem, 0.6, np.where(crown, 0.25, 0.0))).astype(np.float32)
-    return DensityGrid(density), "a made volume: the bonsai is not there"
+    return DensityGrid(density), "Made volume (bonsai_256.pvm is not here)"
 
 
 def draw(path) -> None:
