@@ -190,7 +190,7 @@ class Push:
         if self._position is None:
             return [target]
         start = self._position
-        steps = max(1, ceil(dist(target, start) / LONGEST_STEP))
+        steps = max(1, ceil(dist(target, start) / LONGEST_STEP - 1e-9))  # half a voxel is one step, however it rounds
         if steps == 1:
             return [target]
         first, last = self._near_grid(start, target)

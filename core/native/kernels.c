@@ -27,7 +27,7 @@
 #define LITTLE_ROOM 0.02     // below this room a voxel's weight fades, so that rounding cannot switch it on and off
 #define PLACINGS 3           // rounds in which the surplus is laid on one list of voxels
 #define ENOUGH 1e-3          // share of it that may be left over without another round
-#define SIGHT_INSET 1.5      // voxels below the surface at which the line of material begins
+#define SIGHT_INSET 1.51     // voxels below the surface at which the line of material begins; not 1.5: that rounds by side
 #define SIGHT_STEP 1.5       // voxels between samples of that line, or more, for at most
 #define SIGHT_SAMPLES 16.0   // so many of them
 #define SIGHT_AIR 0.25f      // density below this is air on that line
