@@ -69,13 +69,11 @@ def felt_force(stress: float, yield_stress: float, normal: Vector, direction: Ve
 def estimate(work: Workspace) -> None:
     """M_t = sum of w_t d, M_s = sum of (w_s - w_t) d, and grad M_t, into ``work.estimate`` (paper equations 4 and 5).
 
-    The compiled kernel also lists the tool's voxels that hold density, for `empty` to take from, as long as the grid does
-    not grow. The reach is what surrounds the tool, so the tool's own mass is not in M_s (DESIGN 2).
+    The reach is what surrounds the tool, so the tool's own mass is not in M_s. The compiled kernel also lists the tool's
+    voxels that hold density; `empty` takes from that list, which holds until the grid grows.
     """
     if work.library:
-        work.library.repousse_estimate(
-            byref(work.grid), byref(work.tool), byref(work.estimate), byref(work.emptied)
-        )
+        work.library.repousse_estimate(byref(work.grid), byref(work.tool), byref(work.estimate), byref(work.emptied))
     else:
         _estimate_numpy(work)
 

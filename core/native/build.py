@@ -27,7 +27,7 @@ CACHE_LIMIT = 1 << 30  # bytes; zig never removes what it has cached
 PACKAGE = "repousse_kernels"
 
 FLAGS = [
-    *("-std=c99", "-O3", "-mcpu=baseline", "-fno-math-errno", "-fPIC", "-shared", "-fvisibility=hidden", "-s"),
+    *("-std=gnu99", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-fvisibility=hidden", "-s"),
     "-ffp-contract=off",  # or arm64 fuses multiply and add, and rounds otherwise than x86-64 and the numpy twins
     *("-Wall", "-Wextra", "-Werror"),
 ]
@@ -39,13 +39,14 @@ class Target(NamedTuple):
     triple: str
     tag: str
     library: str
+    faster: str = ""  # what processors the same source is compiled for once more, beside the oldest of the platform
 
 
 TARGETS = {
-    "linux-x64": Target("x86_64-linux-gnu.2.28", "manylinux_2_28_x86_64", "kernels.so"),
+    "linux-x64": Target("x86_64-linux-gnu.2.28", "manylinux_2_28_x86_64", "kernels.so", "avx2"),
     "linux-arm64": Target("aarch64-linux-gnu.2.28", "manylinux_2_28_aarch64", "kernels.so"),
-    "windows-x64": Target("x86_64-windows-gnu", "win_amd64", "kernels.dll"),
-    "macos-x64": Target("x86_64-macos.11.0-none", "macosx_11_0_x86_64", "kernels.dylib"),
+    "windows-x64": Target("x86_64-windows-gnu", "win_amd64", "kernels.dll", "avx2"),
+    "macos-x64": Target("x86_64-macos.11.0-none", "macosx_11_0_x86_64", "kernels.dylib", "avx2"),
     "macos-arm64": Target("aarch64-macos.11.0-none", "macosx_11_0_arm64", "kernels.dylib"),
 }
 
@@ -65,26 +66,28 @@ def host() -> str:
     return name
 
 
-def compile_library(target: Target, output: Path) -> None:
-    """Compile kernels.c for `target` into `output`; BuildError when that fails."""
+def compile_library(target: Target, output: Path, feature: str = "") -> None:
+    """Compile kernels.c for `target`, and processors with `feature`, into `output`; BuildError when that fails."""
     if CACHE.is_dir() and sum(file.stat().st_size for file in CACHE.rglob("*") if file.is_file()) > CACHE_LIMIT:
         shutil.rmtree(CACHE)
     cache = {"ZIG_GLOBAL_CACHE_DIR": str(CACHE), "ZIG_LOCAL_CACHE_DIR": str(CACHE)}
-    command = [sys.executable, "-m", "ziglang", "cc", "-target", target.triple, *FLAGS, "-o", str(output), str(SOURCE)]
+    cpu = f"-mcpu=baseline+{feature}" if feature else "-mcpu=baseline"
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", target.triple, cpu, *FLAGS]
+    command += ["-o", str(output), str(SOURCE)]
     try:
         subprocess.run(command, env=os.environ | cache, check=True, stdout=sys.stderr)
     except subprocess.CalledProcessError as error:
         raise BuildError(f"{SOURCE.name} does not compile for {target.triple}") from error
 
 
-def write_wheel(library: bytes, target: Target, version: str, folder: Path) -> Path:
-    """Write the wheel that holds `library` into `folder`; the same bytes for the same library."""
+def write_wheel(libraries: dict[str, bytes], target: Target, version: str, folder: Path) -> Path:
+    """Write the wheel that holds `libraries`, by name, into `folder`; the same bytes for the same libraries."""
     info = f"{PACKAGE}-{version}.dist-info"
     files = {
         f"{PACKAGE}/__init__.py": (
             '# SPDX-License-Identifier: GPL-3.0-or-later\n"""The compiled kernels of Repoussé."""\n'
         ).encode(),
-        f"{PACKAGE}/{target.library}": library,
+        **{f"{PACKAGE}/{name}": library for name, library in libraries.items()},
         f"{info}/METADATA": (
             f"Metadata-Version: 2.4\nName: {PACKAGE}\nVersion: {version}\n"
             "Summary: The compiled kernels of Repoussé\nLicense-Expression: GPL-3.0-or-later\n"
@@ -117,9 +120,12 @@ def build(name: str, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     target = TARGETS[name]
     with tempfile.TemporaryDirectory() as scratch:
-        library = Path(scratch) / target.library
-        compile_library(target, library)
-        return write_wheel(library.read_bytes(), target, version, folder)
+        libraries = {}
+        for feature in dict.fromkeys(["", target.faster]):
+            library = Path(scratch) / (f"{feature}-" * bool(feature) + target.library)
+            compile_library(target, library, feature)
+            libraries[library.name] = library.read_bytes()
+        return write_wheel(libraries, target, version, folder)
 
 
 def main() -> int:
