@@ -75,7 +75,7 @@ def stage(folder: Path, platforms: list[str], wheels: list[Path]) -> None:
     """Copy what is shipped into `folder`, with a manifest that names these platforms and wheels alone."""
     packages = read_toml("pyproject.toml")["tool"]["setuptools"]["packages"]
     for package in {name.split(".")[1] for name in packages if "." in name}:
-        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", ".*", "*.md"))
     for name in ("__init__.py", *BESIDE_THE_CODE):
         shutil.copy(ROOT / name, folder)
 

@@ -77,6 +77,8 @@ class Stroke:
         if not (np.isfinite(step) and step > 0.0):
             raise ValueError(f"the step is a positive number of voxels, not {step:g}")
         begin, finish = vector(start), vector(end)
+        if not np.isfinite((begin, finish)).all():
+            raise ValueError(f"a line runs between finite positions, not from {start} to {end}")
         samples = [Sample(0.0, begin), Sample(dist(begin, finish) / PACE, finish)]
         return cls(samples, **header).resample(step)
 

@@ -164,6 +164,8 @@ class BoxTool:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "half_size", vector(self.half_size))
+        if not np.isfinite(self.half_size).all():
+            raise ValueError("a box tool's half-edges are three finite numbers of voxels")
         _check_radius(self.radius, self.radius + self.margin)
 
     @property

@@ -27,7 +27,7 @@ CACHE_LIMIT = 1 << 30  # bytes; zig never removes what it has cached
 PACKAGE = "repousse_kernels"
 
 FLAGS = [
-    *("-std=gnu99", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-fvisibility=hidden", "-s"),
+    *("-std=c99", "-O3", "-fno-math-errno", "-fPIC", "-shared", "-fvisibility=hidden", "-s"),
     "-ffp-contract=off",  # or arm64 fuses multiply and add, and rounds otherwise than x86-64 and the numpy twins
     *("-Wall", "-Wextra", "-Werror"),
 ]

@@ -24,7 +24,8 @@
 #define SHELL 0.5            // thickness of the shells that are emptied one after another, voxels
 #define MAX_SHELLS 4096      // so tools are under 2000 voxels thick
 #define NEGLIGIBLE 1e-4f     // flux below this at the window's edge is folded inward (DESIGN 2)
-#define SLAB_PLANES 16       // planes along axis 2 that share a cache line of float32
+#define CACHE_LINE 16        // float32 values in a line
+#define SLAB_PLANES CACHE_LINE // planes along axis 2 that share a line
 #define SLAB_MARGIN 4        // room for the window to grow in before a slab is read again
 #define NEARLY_FULL 1e-3f    // a voxel with less room than this is full, for the rim (facts/rim.md)
 #define LITTLE_ROOM 0.02     // below this room a voxel's weight fades, so that rounding cannot switch it on and off
@@ -284,7 +285,8 @@ static double ball_sum(double radius, double across2, double z, int64_t first, i
     int64_t k = low;
     for (; k + LANES <= high; k += LANES) add_covered((float)radius, (float)across2, (float)((double)k - z), v + k, lanes);
     for (; k < high; k++) sum += coverage_at(sqrt(across2 + ((double)k - z) * ((double)k - z)) - radius) * (double)v[k];
-    for (int l = 0; l < LANES; l++) sum += (double)lanes[l];
+    for (int l = 0; l < LANES / 2; l++) lanes[l] += lanes[l + LANES / 2];
+    for (int l = 0; l < LANES / 2; l++) sum += (double)lanes[l];
     return sum;
 }
 
@@ -596,35 +598,48 @@ static float *slab_row(const Sweep *s, const Slab *slab, int64_t plane, int64_t 
     return s->slab + ((plane - slab->plane) * (slab->b1 - slab->b0) + (b - slab->b0)) * (slab->c1 - slab->c0) - slab->c0;
 }
 
+// Where in the slab each of its planes has row b.
+static void slab_rows(const Sweep *s, const Slab *slab, int64_t b, float *rows[SLAB_PLANES]) {
+    for (int64_t q = 0; q < slab->planes; q++) rows[q] = slab_row(s, slab, slab->plane + q, b);
+}
+
 static void flush_slab(Grid *g, const Frame *f, const Sweep *s, Slab *slab) {
+    float *rows[SLAB_PLANES];
     if (slab->planes && slab->dirty_b0 < slab->dirty_b1) {
         keep_box(g, slab->dirty_b0, slab->dirty_b1, slab->dirty_c0, slab->dirty_c1, slab->plane, slab->plane + slab->planes);
-        for (int64_t b = slab->dirty_b0; b < slab->dirty_b1; b++)
+        for (int64_t b = slab->dirty_b0; b < slab->dirty_b1; b++) {
+            slab_rows(s, slab, b, rows);
             for (int64_t c = slab->dirty_c0; c < slab->dirty_c1; c++) {
                 float *d = g->density + b * f->stride[1] + c * f->stride[2] + slab->plane;
-                for (int64_t q = 0; q < slab->planes; q++) d[q] = slab_row(s, slab, slab->plane + q, b)[c];
+                for (int64_t q = 0; q < slab->planes; q++) d[q] = rows[q][c];
             }
+        }
     }
     slab->planes = 0;
 }
 
+// Read the planes that are still ahead of those that share this one's cache line.
 static void load_slab(Grid *g, const Frame *f, const Sweep *s, Slab *slab, int64_t plane) {
-    const int64_t *w = s->window;
+    const int64_t *w = s->window, line = plane / SLAB_PLANES * SLAB_PLANES;
     const int64_t lead_b = SLAB_PLANES * s->shift[0], lead_c = SLAB_PLANES * s->shift[1];
+    const int forward = s->direction[f->axis[0]] >= 0.0;
+    float *rows[SLAB_PLANES];
     flush_slab(g, f, s, slab);
-    slab->plane = plane / SLAB_PLANES * SLAB_PLANES;
-    slab->planes = least(SLAB_PLANES, f->n[0] - slab->plane);
+    slab->plane = forward ? plane : line;
+    slab->planes = (forward ? least(line + SLAB_PLANES, f->n[0]) : plane + 1) - slab->plane;
     slab->b0 = most(0, w[0] - SLAB_MARGIN + least(0, lead_b));
     slab->b1 = least(f->n[1], w[1] + SLAB_MARGIN + most(0, lead_b));
     slab->c0 = most(0, w[2] - SLAB_MARGIN + least(0, lead_c));
     slab->c1 = least(f->n[2], w[3] + SLAB_MARGIN + most(0, lead_c));
     slab->dirty_b0 = slab->dirty_c0 = INT64_MAX;
     slab->dirty_b1 = slab->dirty_c1 = INT64_MIN;
-    for (int64_t b = slab->b0; b < slab->b1; b++)
+    for (int64_t b = slab->b0; b < slab->b1; b++) {
+        slab_rows(s, slab, b, rows);
         for (int64_t c = slab->c0; c < slab->c1; c++) {
             const float *d = g->density + b * f->stride[1] + c * f->stride[2] + slab->plane;
-            for (int64_t q = 0; q < slab->planes; q++) slab_row(s, slab, slab->plane + q, b)[c] = d[q];
+            for (int64_t q = 0; q < slab->planes; q++) rows[q][c] = d[q];
         }
+    }
 }
 
 static int slab_holds(const Slab *slab, const int64_t w[4], int64_t plane) {
@@ -893,6 +908,15 @@ static int stands(const Sweep *s) {
     return sum > (double)NEGLIGIBLE;
 }
 
+// Ask for a plane's rows while the flux is still being spread: each is a new place in memory.
+static void prefetch_plane(const Grid *g, const Frame *f, const Sweep *s) {
+    if (f->stride[2] != 1) return; // those planes are read through the slab
+    for (int64_t b = most(0, s->window[0] - 1); b < least(f->n[1], s->window[1] + 1); b++) {
+        const float *d = g->density + s->plane * f->stride[0] + b * f->stride[1];
+        for (int64_t c = most(0, s->window[2] - 1); c < least(f->n[2], s->window[3] + 1); c += CACHE_LINE) __builtin_prefetch(d + c);
+    }
+}
+
 // Carry the emptied mass plane by plane along the dominant axis, from the tool's rear (DESIGN 2, Dispersion).
 // Returns DONE, or NEEDS_GROWTH when mass stands at a growing border: then grow the grid, move the indices, call again.
 EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s) {
@@ -916,6 +940,7 @@ EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s
                 break;
             }
             if (s->window[0] >= s->window[1] && !sources) continue;
+            prefetch_plane(g, &f, s);
             spread(s, e, sources);
             if (sources) add_sources(s, e);
             trim(s);
