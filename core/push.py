@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil, dist, hypot, isfinite, nan
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -103,9 +104,9 @@ class Push:
             raise ValueError(f'there is no method "{method}": choose from {", ".join(METHODS)}')
         if border not in BORDERS:
             raise ValueError(f'there is no border "{border}": choose from {", ".join(BORDERS)}')
-        for what, value in (("band", band), ("rim", rim), ("wake", wake)):
-            if value is not None and not (isfinite(value) and value >= 0.0):
-                raise ValueError(f"{what} is a number from 0 up, not {value:g}")
+        for what, value in (("band", 0.0 if band is None else band), ("rim", rim), ("wake", wake)):
+            if not (isinstance(value, Real) and isfinite(value) and value >= 0.0):
+                raise ValueError(f"{what} is a number from 0 up, not {value!r}")
         if not grid.density.any():
             raise ValueError("the grid is empty: no voxel has any density to push")
         self.grid, self.material = grid, material
