@@ -5,6 +5,7 @@ Per unit of cross-section the tool holds M_t / A voxels of material, and the law
 delta. The punch is wider than the grid, so that its shells lie across the push and the column stays one-dimensional.
 """
 
+import importlib.util
 from functools import cache
 
 import numpy as np
@@ -12,21 +13,25 @@ import pytest
 
 from repousse.core import BoxTool, DensityGrid, Material, Push, Regime
 
+from .volumes import kernels_chosen
+
 WITHIN = 0.01
 ACROSS, FIRST, HALF, STEP = 8, 100, 48.0, 0.25
 CASES = [(0.1, 0.5, 30), (0.1, 0.3, 30), (0.15, 0.7, 24), (0.3, 0.5, 12), (0.05, 0.4, 60)]
-SLOW = {(0.1, 0.3, 30), (0.05, 0.4, 60)}  # long columns, for the compiled kernels alone
+WALKS = [("compiled", case) for case in CASES] + [("numpy", CASES[2]), ("numpy", CASES[3])]
 
 # A punch with walls around it yields far beyond the bound, which is for a tool in a large block.
 pytestmark = pytest.mark.filterwarnings("ignore:this material may never yield")
 
 
-@pytest.fixture(params=CASES, ids=lambda case: "kappa{}-density{}-reach{}".format(*case))
-def column(request, kernels):
-    """Walked once for each kernel."""
-    if kernels == "numpy" and request.param in SLOW:
-        pytest.skip("a long column")
-    return walked(kernels, request.param)
+@pytest.fixture(params=WALKS, ids=lambda walk: "{}-kappa{}-density{}-reach{}".format(walk[0], *walk[1]))
+def column(request, monkeypatch):
+    """Walked once for all tests."""
+    name, case = request.param
+    if name == "compiled" and not importlib.util.find_spec("repousse_kernels"):
+        pytest.skip("the compiled kernels are not installed")
+    with kernels_chosen(monkeypatch, name):
+        return walked(name, case)
 
 
 @cache
