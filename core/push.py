@@ -6,7 +6,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import ceil, dist, hypot, isfinite, nan
+from math import ceil, dist, hypot, inf, isfinite, nan
 from numbers import Real
 from typing import TYPE_CHECKING
 
@@ -105,7 +105,7 @@ class Push:
         if border not in BORDERS:
             raise ValueError(f'there is no border "{border}": choose from {", ".join(BORDERS)}')
         for what, value in (("band", 0.0 if band is None else band), ("rim", rim), ("wake", wake)):
-            if not (isinstance(value, Real) and isfinite(value) and value >= 0.0):
+            if not (isinstance(value, Real) and 0.0 <= float(value) < inf):
                 raise ValueError(f"{what} is a number from 0 up, not {value!r}")
         if not grid.density.any():
             raise ValueError("the grid is empty: no voxel has any density to push")
