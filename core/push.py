@@ -105,7 +105,7 @@ class Push:
         if border not in BORDERS:
             raise ValueError(f'there is no border "{border}": choose from {", ".join(BORDERS)}')
         for what, value in (("band", 0.0 if band is None else band), ("rim", rim), ("wake", wake)):
-            if not (isinstance(value, Real) and 0.0 <= float(value) < inf):
+            if not _is_length(value):
                 raise ValueError(f"{what} is a number from 0 up, not {value!r}")
         if not grid.density.any():
             raise ValueError("the grid is empty: no voxel has any density to push")
@@ -391,6 +391,10 @@ class Push:
             last.residual,
             dirty,
         )
+
+
+def _is_length(value: object) -> bool:
+    return isinstance(value, Real) and 0.0 <= float(value) < inf
 
 
 def _checked(position: Iterable[float]) -> Vector:
