@@ -908,12 +908,16 @@ static int stands(const Sweep *s) {
     return sum > (double)NEGLIGIBLE;
 }
 
+static void prefetch_row(const float *d, int64_t low, int64_t high) {
+    for (int64_t k = low; k < high; k += CACHE_LINE) __builtin_prefetch(d + k);
+}
+
 // Ask for a plane's rows while the flux is still being spread: each is a new place in memory.
 static void prefetch_plane(const Grid *g, const Frame *f, const Sweep *s) {
     if (f->stride[2] != 1) return; // those planes are read through the slab
     for (int64_t b = most(0, s->window[0] - 1); b < least(f->n[1], s->window[1] + 1); b++) {
         const float *d = g->density + s->plane * f->stride[0] + b * f->stride[1];
-        for (int64_t c = most(0, s->window[2] - 1); c < least(f->n[2], s->window[3] + 1); c += CACHE_LINE) __builtin_prefetch(d + c);
+        prefetch_row(d, most(0, s->window[2] - 1), least(f->n[2], s->window[3] + 1));
     }
 }
 
@@ -1155,7 +1159,7 @@ static void mark(const Rows *rows, float enough, int64_t first, uint8_t *restric
 
 // Nothing to mark where all is full, or where all is air.
 static int dull(const Rows *rows, int64_t k) {
-    if (all_full(rows->row + k, STRETCH)) return 1;
+    if (rows->row[k] > 0.0f) return all_full(rows->row + k, STRETCH);
     uint32_t bits = any_bits(rows->row + k - 1, STRETCH + 2);
     for (int q = 0; q < 4 && !bits; q++) bits |= any_bits(rows->beside[q] + k, STRETCH);
     return bits == 0;
@@ -1211,6 +1215,7 @@ EXPORT int64_t repousse_rim_gather(const Grid *g, const Tool *t, const Sources *
         for (int64_t j = low[1]; j < high[1]; j++) {
             const Span row = row_of_hats(&p, length, i, j, n), beside_tool = near_tool(t, i, j);
             const Rows rows = rows_around(g, r, i, j);
+            if (j + 2 < g->shape[1]) prefetch_row(rows.row + 2 * n, row.low, row.high);
             for (int64_t k = row.low; k < row.high;) {
                 if (k > 0 && k + STRETCH < n && dull(&rows, k)) {
                     k += STRETCH;

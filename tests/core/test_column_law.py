@@ -61,6 +61,7 @@ class Column:
         way_in = [push.move_to((surface + delta, middle, middle)) for delta in self.deltas]
         self.regimes = [contact.regime for contact in way_in]
         self.held = np.array([contact.stress for contact in way_in]) / area
+        self.allowed = np.array([contact.yield_stress for contact in way_in]) / area
         self.left = self.grid.density.copy()
         self.retreats = np.arange(0, int((kappa * reach + 4) / STEP) + 1) * STEP
         way_out = [push.move_to((surface + self.depth - back, middle, middle)) for back in self.retreats]
@@ -103,6 +104,18 @@ def test_plateau(column):
     assert abs(slope) < 0.01 * column.density * column.kappa
     for held in column.held[column.deltas > column.plateau_begins + 2.0]:
         close(held, column.kappa * column.reach)
+
+
+def test_yield_stress(column):
+    """sigma_f = k_s times what lies ahead: d0 D elastic, d0 (D + delta) / (1 + kappa) plastic, then D."""
+    kappa, d0, reach = column.kappa, column.density, column.reach
+    for delta, allowed in zip(column.deltas, column.allowed):
+        if delta <= kappa * reach - 1.0:
+            close(allowed, kappa * d0 * reach)
+        elif kappa * reach + 1.0 <= delta <= column.plateau_begins - 2.0:
+            close(allowed, kappa * d0 * (reach + delta) / (1 + kappa))
+        elif delta >= column.plateau_begins + 2.0:
+            close(allowed, kappa * reach)
 
 
 def test_plateau_begins(column):
