@@ -266,6 +266,8 @@ class Push:
         dispersion.aim(work, direction, axis, BORDERS.index(self.border), self.band)
         gain = self._gain
         while moved.sweeps < MOST_SWEEPS:
+            if packed and moved.sweeps:
+                estimate(work)  # the rim may have risen into voxels of the tool's skin that were empty
             excess = masses.tool_mass - kappa * masses.reach_mass
             wanted = excess / (1.0 + kappa * gain)
             dispersion.empty(work, axis, wanted, packed)
@@ -292,6 +294,7 @@ class Push:
         work = self._work
         masses, emptied, sweep = work.estimate, work.emptied, work.sweep
         sweep.dirty[:] = work.rim.dirty[:] = no_box()
+        work.rim.tool_gain = work.rim.reach_gain = 0.0
         former_origin = self.origin, self.grid.shape
         dispersion.sweep_emptied(work)
         while dispersion.sweep(work) == NEEDS_GROWTH:
@@ -303,9 +306,9 @@ class Push:
             )
         if left > 0.0:
             dispersion.put_back(work, left)
-        if self.band is None and former_origin == (self.origin, self.grid.shape):
-            masses.tool_mass -= emptied.tool_loss  # the sweep knows what it moved
-            masses.reach_mass += sweep.reach_gain - emptied.reach_loss
+        if former_origin == (self.origin, self.grid.shape):  # what was moved is known, so nothing is summed anew
+            masses.tool_mass += work.rim.tool_gain - emptied.tool_loss
+            masses.reach_mass += work.rim.reach_gain + sweep.reach_gain - emptied.reach_loss
         else:
             estimate(work)
         moved.out += sweep.mass_out

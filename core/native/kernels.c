@@ -115,6 +115,7 @@ typedef struct {
     int64_t capacity, count, spilling;
     const float *zeros; // a row of air, for what lies outside the grid
     double direction[3], wake;
+    double tool_gain, reach_gain; // of M_t and M_s, by what was laid
     int64_t dirty[6];
 } Rim;
 
@@ -1249,13 +1250,17 @@ static int64_t open_neighbours(const Grid *g, const Tool *t, int64_t i, int64_t 
 }
 
 // Raise a voxel; returns what it gained, rounding included.
-static double raise_voxel(Grid *g, Rim *r, int64_t i, int64_t j, int64_t k, double amount) {
+static double raise_voxel(Grid *g, const Tool *t, Rim *r, int64_t i, int64_t j, int64_t k, double amount) {
     float *d = g->density + (i * g->shape[1] + j) * g->shape[2] + k;
     const double former = (double)*d;
     keep_box(g, i, i + 1, j, j + 1, k, k + 1);
     mark_dirty(r->dirty, i, i + 1, j, j + 1, k, k + 1);
     *d = (float)(former + amount);
-    return (double)*d - former;
+    const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
+    const double gained = (double)*d - former, inside = coverage(&t->volume, x, y, z);
+    r->tool_gain += inside * gained;
+    r->reach_gain += (coverage(&t->surroundings, x, y, z) - inside) * gained;
+    return gained;
 }
 
 static void voxel_at(const Grid *g, int64_t index, int64_t at[3]) {
@@ -1281,7 +1286,7 @@ static double spill_over(Grid *g, const Tool *t, Rim *r) {
         for (int n = 0; n < 6; n++) {
             if (!(open >> n & 1)) continue;
             const int64_t x = at[0] + neighbours[n][0], y = at[1] + neighbours[n][1], z = at[2] + neighbours[n][2];
-            left -= raise_voxel(g, r, x, y, z, fmin((double)r->spill[q] / ways, fmax(room_at(g, t, x, y, z), 0.0)));
+            left -= raise_voxel(g, t, r, x, y, z, fmin((double)r->spill[q] / ways, fmax(room_at(g, t, x, y, z), 0.0)));
         }
     }
     return left;
@@ -1306,7 +1311,7 @@ EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) 
             if (r->weight[q] <= 0.0f) continue;
             voxel_at(g, r->index[q], at);
             const double share = each * (double)r->weight[q], room = fmax(room_at(g, t, at[0], at[1], at[2]), 0.0);
-            left -= raise_voxel(g, r, at[0], at[1], at[2], fmin(share, room));
+            left -= raise_voxel(g, t, r, at[0], at[1], at[2], fmin(share, room));
             if (share <= room || round > 0) continue;
             r->spill_index[r->spilling] = r->index[q];
             r->spill[r->spilling++] = (float)(share - room);

@@ -153,6 +153,8 @@ class Rim(Structure):
         ("zeros", POINTER(c_float)),
         ("direction", c_double * 3),
         ("wake", c_double),
+        ("tool_gain", c_double),
+        ("reach_gain", c_double),
         ("dirty", c_int64 * 6),
     ]
 
