@@ -19,29 +19,29 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-#define ABI_VERSION 1        // the loader refuses any other
-#define BRICK 8              // edge of a brick, core/grid.py
-#define SHELL 0.5            // thickness of the shells that are emptied one after another, voxels
-#define MAX_SHELLS 4096      // so tools are under 2000 voxels thick
-#define NEGLIGIBLE 1e-4f     // flux below this at the window's edge is folded inward (DESIGN 2)
-#define CACHE_LINE 16        // float32 values in a line
+#define ABI_VERSION 1          // the loader refuses any other
+#define BRICK 8                // edge of a brick, core/grid.py
+#define SHELL 0.5              // thickness of the shells that are emptied one after another, voxels
+#define MAX_SHELLS 4096        // so tools are under 2000 voxels thick
+#define NEGLIGIBLE 1e-4f       // flux below this at the window's edge is folded inward (DESIGN 2)
+#define CACHE_LINE 16          // float32 values in a line
 #define SLAB_PLANES CACHE_LINE // planes along axis 2 that share a line
-#define SLAB_MARGIN 4        // room for the window to grow in before a slab is read again
-#define NEARLY_FULL 1e-3f    // a voxel with less room than this is full, for the rim (facts/rim.md)
-#define LITTLE_ROOM 0.02     // below this room a voxel's weight fades, so that rounding cannot switch it on and off
-#define PLACINGS 3           // rounds in which the surplus is laid on one list of voxels
-#define ENOUGH 1e-3          // share of it that may be left over without another round
-#define SIGHT_INSET 1.51     // voxels below the surface at which the line of material begins; not 1.5: that rounds by side
-#define SIGHT_STEP 1.5       // voxels between samples of that line, or more, for at most
-#define SIGHT_SAMPLES 16.0   // so many of them
-#define SIGHT_AIR 0.25f      // density below this is air on that line
-#define CLUSTERS 9           // clusters of emptied material along each axis
+#define SLAB_MARGIN 4          // room for the window to grow in before a slab is read again
+#define NEARLY_FULL 1e-3f      // a voxel with less room than this is full, for the rim (facts/rim.md)
+#define LITTLE_ROOM 0.02       // below this room a voxel's weight fades, so that rounding cannot switch it on and off
+#define PLACINGS 3             // rounds in which the surplus is laid on one list of voxels
+#define ENOUGH 1e-3            // share of it that may be left over without another round
+#define SIGHT_INSET 1.51 // voxels below the surface at which the line of material begins; not 1.5: that rounds by side
+#define SIGHT_STEP 1.5   // voxels between samples of that line, or more, for at most
+#define SIGHT_SAMPLES 16.0 // so many of them
+#define SIGHT_AIR 0.25f    // density below this is air on that line
+#define CLUSTERS 9         // clusters of emptied material along each axis
 #define MAX_POINTS (CLUSTERS * CLUSTERS * CLUSTERS)
 #define CLUSTERS_IN_RADIUS 2.5
-#define STRETCH 32           // voxels of a row that are looked at together for a surface
-#define LANES 8              // running sums that the compiler may turn into vectors
+#define STRETCH 32 // voxels of a row that are looked at together for a surface
+#define LANES 8    // running sums that the compiler may turn into vectors
 
-#define FRAME 2              // zeros around the flux
+#define FRAME 2 // zeros around the flux
 
 enum Border { GROW = 0, WALL = 1, OPEN = 2 };
 enum Status { DONE = 0, NEEDS_GROWTH = 1, LIST_FULL = 2 };
@@ -52,7 +52,7 @@ typedef struct {
 } Shape;
 
 typedef struct {
-    Shape volume, surroundings;  // the tool t; the tool and its reach s
+    Shape volume, surroundings; // the tool t; the tool and its reach s
     double centre[3];
 } Tool;
 
@@ -75,9 +75,9 @@ typedef struct {
 } Occupied;
 
 typedef struct {
-    int64_t axis;           // dominant axis of the push: the buffer is ordered (axis, the other two in order)
-    float *buffer;          // mass taken from each voxel of the box
-    int64_t low[3], n[3];   // the box around the tool, in (a, b, c) order
+    int64_t axis;              // dominant axis of the push: the buffer is ordered (axis, the other two in order)
+    float *buffer;             // mass taken from each voxel of the box
+    int64_t low[3], n[3];      // the box around the tool, in (a, b, c) order
     int64_t first[3], last[3]; // the part of it that is not zero, half open, as grid indices in (a, b, c) order
     double mass, tool_loss, reach_loss;
     Occupied *occupied; // the tool's voxels that hold density, as the last estimate found them
@@ -92,7 +92,7 @@ typedef struct {
     int64_t shift[2];    // whole-voxel part of the shear
     int64_t border;
     float *flux, *next, *row, *slab;
-    int64_t window[4]; // b0, b1, c0, c1 of the active window, half open
+    int64_t window[4];         // b0, b1, c0, c1 of the active window, half open
     int64_t origin[2], stride; // where the flux buffer starts and its row length
     int64_t plane, spread_done;
     int64_t needs[6]; // voxels of growth asked for: below and above along axes 0, 1, 2
@@ -145,7 +145,7 @@ static int64_t floor_of(double x) {
 
 static int64_t ceil_of(double x) { return -floor_of(-x); }
 
-// ---- shapes ---------------------------------------------------------------------------------------------------------
+// Shapes: signed distance, coverage, and the rows of voxels that a shape covers.
 
 static double clamp(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
@@ -202,9 +202,7 @@ static void normal(const Shape *s, double x, double y, double z, double n[3]) {
     for (int i = 0; i < 3; i++) n[i] = length > 0.0 ? v[i] / length : 0.0;
 }
 
-static double extent(const Shape *s, int axis) {
-    return s->half_size[axis] + fabs(s->half_axis[axis]) + s->radius;
-}
+static double extent(const Shape *s, int axis) { return s->half_size[axis] + fabs(s->half_axis[axis]) + s->radius; }
 
 typedef struct {
     int64_t low, high; // voxels of a row with coverage > 0, half open
@@ -262,8 +260,8 @@ static double row_sum(const float *v, int64_t n) {
 static int64_t whole_lanes(int64_t n) { return (n + LANES - 1) / LANES * LANES; }
 
 // A ball's share of LANES voxels of a row, times their values: `across2` is the row's squared distance from its centre,
-// `z` the offset of the first voxel. Without a branch, for a row's ends are not to be predicted; and in float32, for the
-// root's error of 2e-6 voxel averages out over the thousands of voxels of the skin.
+// `z` the offset of the first voxel. Without a branch, for a row's ends are not to be predicted; and in float32, for
+// the root's error of 2e-6 voxel averages out over the thousands of voxels of the skin.
 static void add_covered(float radius, float across2, float z, const float *restrict v, float *restrict lanes) {
     for (int l = 0; l < LANES; l++) {
         const float at = z + (float)l, inside = 0.5f - (sqrtf(across2 + at * at) - radius);
@@ -284,7 +282,8 @@ static double ball_sum(double radius, double across2, double z, int64_t first, i
     float lanes[LANES] = {0.0f};
     double sum = 0.0;
     int64_t k = low;
-    for (; k + LANES <= high; k += LANES) add_covered((float)radius, (float)across2, (float)((double)k - z), v + k, lanes);
+    for (; k + LANES <= high; k += LANES)
+        add_covered((float)radius, (float)across2, (float)((double)k - z), v + k, lanes);
     for (; k < high; k++) sum += coverage_at(sqrt(across2 + ((double)k - z) * ((double)k - z)) - radius) * (double)v[k];
     for (int l = 0; l < LANES / 2; l++) lanes[l] += lanes[l + LANES / 2];
     for (int l = 0; l < LANES / 2; l++) sum += (double)lanes[l];
@@ -308,7 +307,7 @@ static void box_of(const Shape *s, const double centre[3], const int64_t shape[3
     }
 }
 
-// ---- before-images of bricks ----------------------------------------------------------------------------------------
+// Before-images of bricks (core/history.py), and boxes around what was written.
 
 static void keep_brick(Grid *g, int64_t bi, int64_t bj, int64_t bk) {
     const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
@@ -340,7 +339,7 @@ static void mark_dirty(int64_t dirty[6], int64_t i0, int64_t i1, int64_t j0, int
     }
 }
 
-// ---- estimate -------------------------------------------------------------------------------------------------------
+// Estimate (core/plasticity.py).
 
 // The rows of plane i that a shape may reach, half open.
 static void rows_of(const Shape *s, const double centre[3], int64_t i, int64_t n, int64_t *low, int64_t *high) {
@@ -360,10 +359,10 @@ static int64_t shell_of(double distance_, int64_t shells) {
     return least((int64_t)((0.5 - distance_) / SHELL), shells - 1);
 }
 
-// One row of the tool: M_t gains w d, grad M_t gains d n where the skin cuts a voxel, n the outward normal, and the voxels
-// that hold density are listed: of these some may have to give it up.
-static void weigh_row(const Shape *s, double x, double y, double z, Span span, int64_t row, const float *d, int64_t shells,
-                      Estimate *out, Emptied *e) {
+// One row of the tool: M_t gains w d, grad M_t gains d n where the skin cuts a voxel, n the outward normal, and the
+// voxels that hold density are listed: of these some may have to give it up.
+static void weigh_row(const Shape *s, double x, double y, double z, Span span, int64_t row, const float *d,
+                      int64_t shells, Estimate *out, Emptied *e) {
     const double across2 = x * x + y * y;
     double flat = 0.0, along = 0.0, n[3];
     Occupied *list = e->occupied + e->occupied_count;
@@ -425,7 +424,7 @@ EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out, Empti
     out->reach_mass = both - out->tool_mass;
 }
 
-// ---- the push's frame -----------------------------------------------------------------------------------------------
+// The push's frame: axes in the order of the sweep.
 
 // Axes in the order (a, b, c): a is swept along, rows run along c, which is contiguous unless a is axis 2.
 typedef struct {
@@ -464,7 +463,7 @@ static float *emptied_at(const Emptied *e, int64_t a, int64_t b, int64_t c) {
     return e->buffer + ((a - e->low[0]) * e->n[1] + (b - e->low[1])) * e->n[2] + (c - e->low[2]);
 }
 
-// ---- empty ----------------------------------------------------------------------------------------------------------
+// Empty, and put back (core/dispersion.py).
 
 // What a voxel can give: the share of its mass inside the tool, w d. Packed material first fills the part of its voxel
 // that the tool leaves free, so it gives only d - (1 - w): then a tool that passes twice finds nothing more to take.
@@ -473,7 +472,7 @@ static double available(float d, double w, int64_t packed) {
 }
 
 typedef struct {
-    int64_t last;   // the shell of which a part is taken; all deeper ones are emptied
+    int64_t last; // the shell of which a part is taken; all deeper ones are emptied
     double part;
 } Cut;
 
@@ -520,7 +519,8 @@ EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed
         const double w = o->covered, former = (double)*d;
         const float taken = (float)((o->shell > cut.last ? 1.0 : cut.part) * available(*d, w, packed));
         if (taken <= 0.0f) continue;
-        const int64_t k = o->index % g->shape[2], j = o->index / g->shape[2] % g->shape[1], i = o->index / g->shape[2] / g->shape[1];
+        const int64_t k = o->index % g->shape[2], j = o->index / g->shape[2] % g->shape[1],
+                      i = o->index / g->shape[2] / g->shape[1];
         const int64_t at[3] = {i, j, k};
         keep_box(g, i, i + 1, j, j + 1, k, k + 1);
         *d = (float)(former - (double)taken);
@@ -528,7 +528,9 @@ EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed
         e->mass += (double)taken;
         e->tool_loss += w * (double)taken;
         // A voxel wholly in the tool is wholly in the tool and its reach together.
-        const double around = w >= 1.0 ? 1.0 : coverage(&t->surroundings, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
+        const double around = w >= 1.0 ? 1.0
+                                       : coverage(&t->surroundings, (double)i - t->centre[0], (double)j - t->centre[1],
+                                                  (double)k - t->centre[2]);
         e->reach_loss += (around - w) * (double)taken;
         float *record = emptied_at(e, at[f.axis[0]], at[f.axis[1]], at[f.axis[2]]);
         *record = taken;
@@ -587,16 +589,17 @@ EXPORT void repousse_put_back(Grid *g, const Tool *t, double amount, Emptied *e)
     e->reach_loss -= reach_gain;
 }
 
-// ---- sweep ----------------------------------------------------------------------------------------------------------
+// Sweep (core/dispersion.py).
 
-// Columns along axis 2 are far apart in memory, so planes across it are read and written a cache line's worth at a time.
+// Columns along axis 2 are far apart in memory, so planes across it are read and written a cache line at a time.
 typedef struct {
     int64_t plane, planes, b0, b1, c0, c1; // what the slab holds; planes = 0 when it holds nothing
     int64_t dirty_b0, dirty_b1, dirty_c0, dirty_c1;
 } Slab;
 
 static float *slab_row(const Sweep *s, const Slab *slab, int64_t plane, int64_t b) {
-    return s->slab + ((plane - slab->plane) * (slab->b1 - slab->b0) + (b - slab->b0)) * (slab->c1 - slab->c0) - slab->c0;
+    return s->slab + ((plane - slab->plane) * (slab->b1 - slab->b0) + (b - slab->b0)) * (slab->c1 - slab->c0) -
+           slab->c0;
 }
 
 // Where in the slab each of its planes has row b.
@@ -607,7 +610,8 @@ static void slab_rows(const Sweep *s, const Slab *slab, int64_t b, float *rows[S
 static void flush_slab(Grid *g, const Frame *f, const Sweep *s, Slab *slab) {
     float *rows[SLAB_PLANES];
     if (slab->planes && slab->dirty_b0 < slab->dirty_b1) {
-        keep_box(g, slab->dirty_b0, slab->dirty_b1, slab->dirty_c0, slab->dirty_c1, slab->plane, slab->plane + slab->planes);
+        keep_box(g, slab->dirty_b0, slab->dirty_b1, slab->dirty_c0, slab->dirty_c1, slab->plane,
+                 slab->plane + slab->planes);
         for (int64_t b = slab->dirty_b0; b < slab->dirty_b1; b++) {
             slab_rows(s, slab, b, rows);
             for (int64_t c = slab->dirty_c0; c < slab->dirty_c1; c++) {
@@ -652,8 +656,8 @@ static float *flux_at(const Sweep *s, int64_t b, int64_t c) {
     return s->flux + (b - s->origin[0]) * s->stride + (c - s->origin[1]);
 }
 
-// Around what it holds the flux buffer has FRAME cells of zeros, and more at the rows' ends, so that spreading has no edge
-// cases and works in whole LANES.
+// Around what it holds the flux buffer has FRAME cells of zeros, and more at the rows' ends, so that spreading has no
+// edge cases and works in whole LANES.
 static void lay_buffer(Sweep *s, float *buffer, const int64_t window[4]) {
     s->flux = buffer;
     memcpy(s->window, window, sizeof s->window);
@@ -664,11 +668,11 @@ static void lay_buffer(Sweep *s, float *buffer, const int64_t window[4]) {
 }
 
 // flux'(b, c) = sum of w(i, j) flux(b - i, c - j): one row from the three around it.
-static void spread_row(const float w[9], const float *restrict above, const float *restrict here, const float *restrict below,
-                       int64_t n, float *restrict to) {
+static void spread_row(const float w[9], const float *restrict above, const float *restrict here,
+                       const float *restrict below, int64_t n, float *restrict to) {
     for (int64_t k = 0; k < whole_lanes(n); k++)
-        to[k] = w[0] * above[k + 2] + w[1] * above[k + 1] + w[2] * above[k] + w[3] * here[k + 2] + w[4] * here[k + 1] + w[5] * here[k] +
-                w[6] * below[k + 2] + w[7] * below[k + 1] + w[8] * below[k];
+        to[k] = w[0] * above[k + 2] + w[1] * above[k + 1] + w[2] * above[k] + w[3] * here[k + 2] + w[4] * here[k + 1] +
+                w[5] * here[k] + w[6] * below[k + 2] + w[7] * below[k + 1] + w[8] * below[k];
 }
 
 // One plane on: the flux is sheared and spread by the 3x3 kernel, and the window made to hold this plane's sources too.
@@ -676,7 +680,8 @@ static void spread(Sweep *s, const Emptied *e, int has_sources) {
     const Sweep former = *s;
     const int64_t *w = former.window;
     const int under_way = w[0] < w[1];
-    const int64_t b0 = w[0] + s->shift[0] - 1, b1 = w[1] + s->shift[0] + 1, c0 = w[2] + s->shift[1] - 1, c1 = w[3] + s->shift[1] + 1;
+    const int64_t b0 = w[0] + s->shift[0] - 1, b1 = w[1] + s->shift[0] + 1, c0 = w[2] + s->shift[1] - 1,
+                  c1 = w[3] + s->shift[1] + 1;
     int64_t grown[4] = {INT64_MAX, INT64_MIN, INT64_MAX, INT64_MIN};
     if (under_way) memcpy(grown, (int64_t[4]){b0, b1, c0, c1}, sizeof grown);
     for (int i = 0; i < 2 && has_sources; i++) {
@@ -729,10 +734,22 @@ static void trim(Sweep *s) {
         const int c_low = faint(s, w[0], w[1], w[2], w[2] + 1), c_high = faint(s, w[0], w[1], w[3] - 1, w[3]);
         const int fold_b = w[1] - w[0] > b_low + b_high, fold_c = w[3] - w[2] > c_low + c_high;
         if (!((b_low || b_high) && fold_b) && !((c_low || c_high) && fold_c)) return;
-        if (fold_b && b_low) { fold_row(s, w[0], w[0] + 1); w[0]++; }
-        if (fold_b && b_high) { fold_row(s, w[1] - 1, w[1] - 2); w[1]--; }
-        if (fold_c && c_low) { fold_column(s, w[2], w[2] + 1); w[2]++; }
-        if (fold_c && c_high) { fold_column(s, w[3] - 1, w[3] - 2); w[3]--; }
+        if (fold_b && b_low) {
+            fold_row(s, w[0], w[0] + 1);
+            w[0]++;
+        }
+        if (fold_b && b_high) {
+            fold_row(s, w[1] - 1, w[1] - 2);
+            w[1]--;
+        }
+        if (fold_c && c_low) {
+            fold_column(s, w[2], w[2] + 1);
+            w[2]++;
+        }
+        if (fold_c && c_high) {
+            fold_column(s, w[3] - 1, w[3] - 2);
+            w[3]--;
+        }
     }
 }
 
@@ -745,8 +762,8 @@ static double take_flux(Sweep *s, int64_t b0, int64_t b1, int64_t c0, int64_t c1
     return sum;
 }
 
-// One edge row (side 0) or column (side 1) that lies outside the plane: at an open border it leaves and is counted, at a
-// wall it is turned back onto its neighbour. A window one voxel wide has no neighbour: it is moved as a whole.
+// One edge row (side 0) or column (side 1) that lies outside the plane: at an open border it leaves and is counted, at
+// a wall it is turned back onto its neighbour. A window one voxel wide has no neighbour: it is moved as a whole.
 static void bring_back(Sweep *s, int side, int at_high) {
     int64_t *low = &s->window[2 * side], *high = &s->window[2 * side + 1];
     const int64_t edge = at_high ? *high - 1 : *low, inward = at_high ? edge - 1 : edge + 1;
@@ -777,7 +794,7 @@ static void apply_border(Sweep *s, const Frame *f) {
 
 static int64_t ask_growth(Sweep *s, const Frame *f, int below_a, int above_a) {
     const int64_t *w = s->window;
-    const int64_t asked[6] = {below_a, above_a, w[0] < 0, w[1] > f->n[1], w[2] < 0, w[3] > f->n[2]};
+    const int64_t asked[6] = {below_a, above_a, w[0]<0, w[1]> f->n[1], w[2]<0, w[3]> f->n[2]};
     int any = 0;
     for (int i = 0; i < 3; i++) {
         s->needs[2 * f->axis[i]] = asked[2 * i] ? BRICK : 0;
@@ -849,7 +866,8 @@ static double lay_down(float *restrict d, float *restrict flux, int64_t n, const
 }
 
 // What M_s gains from a stretch of a row that gained `gained` in all.
-static double reach_gain(const Frame *f, double x, double y, const float *laid, int64_t first, int64_t last, double gained) {
+static double reach_gain(const Frame *f, double x, double y, const float *laid, int64_t first, int64_t last,
+                         double gained) {
     const double z = f->centre[2];
     const double farthest = fmax(fabs((double)first - z), fabs((double)(last - 1) - z));
     if (distance(&f->surroundings, x, y, farthest) <= -0.5 && f->surroundings.ball) return gained;
@@ -865,7 +883,8 @@ static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
     if (f->stride[2] != 1 && !slab_holds(slab, w, s->plane)) load_slab(g, f, s, slab, s->plane);
     for (int64_t b = w[0]; b < w[1]; b++) {
         const double y = (double)b - f->centre[1];
-        float *d = f->stride[2] == 1 ? g->density + s->plane * f->stride[0] + b * f->stride[1] : slab_row(s, slab, s->plane, b);
+        float *d = f->stride[2] == 1 ? g->density + s->plane * f->stride[0] + b * f->stride[1]
+                                     : slab_row(s, slab, s->plane, b);
         if (all_full(d + w[2], w[3] - w[2])) { // saturated: all goes on
             left = 1;
             continue;
@@ -905,7 +924,8 @@ static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
 // Whether there is more flux than one may send back for being negligible.
 static int stands(const Sweep *s) {
     double sum = 0.0;
-    for (int64_t b = s->window[0]; b < s->window[1]; b++) sum += row_sum(flux_at(s, b, s->window[2]), s->window[3] - s->window[2]);
+    for (int64_t b = s->window[0]; b < s->window[1]; b++)
+        sum += row_sum(flux_at(s, b, s->window[2]), s->window[3] - s->window[2]);
     return sum > (double)NEGLIGIBLE;
 }
 
@@ -970,19 +990,20 @@ EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s
     return DONE;
 }
 
-// ---- the rim (facts/rim.md) -----------------------------------------------------------------------------------------
+// The rim (core/rim.py, facts/rim.md).
 
 static int64_t cluster_of(double x, double side) {
     const int64_t steps = floor_of(fabs(x) / side + 0.5), middle = CLUSTERS / 2;
     return within(x < 0.0 ? middle - steps : middle + steps, 0, CLUSTERS - 1);
 }
 
-// Cluster the emptied material into points, and measure a = sqrt(2 variance across u), the radius of a disc that spreads
-// as far.
+// Cluster the emptied material into points, and measure a = sqrt(2 variance across u), the radius of a disc that
+// spreads as far.
 EXPORT void repousse_rim_sources(const Grid *g, const Tool *t, const Emptied *e, const double u[3], Sources *out) {
     double bins[MAX_POINTS][4], mass = 0.0, mean[3] = {0.0, 0.0, 0.0}, second = 0.0;
     const Frame f = frame_of(g, t, e->axis);
-    const double side = fmax(fmax(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2)) / CLUSTERS_IN_RADIUS;
+    const double side =
+        fmax(fmax(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2)) / CLUSTERS_IN_RADIUS;
     memset(bins, 0, sizeof bins);
     for (int64_t a = e->first[0]; a < e->last[0]; a++)
         for (int64_t b = e->first[1]; b < e->last[1]; b++)
@@ -993,7 +1014,8 @@ EXPORT void repousse_rim_sources(const Grid *g, const Tool *t, const Emptied *e,
                 at[f.axis[0]] = (double)a - f.centre[0];
                 at[f.axis[1]] = (double)b - f.centre[1];
                 at[f.axis[2]] = (double)c - f.centre[2];
-                double *bin = bins[(cluster_of(at[0], side) * CLUSTERS + cluster_of(at[1], side)) * CLUSTERS + cluster_of(at[2], side)];
+                double *bin = bins[(cluster_of(at[0], side) * CLUSTERS + cluster_of(at[1], side)) * CLUSTERS +
+                                   cluster_of(at[2], side)];
                 bin[0] += m;
                 for (int i = 0; i < 3; i++) {
                     bin[1 + i] += m * at[i];
@@ -1014,7 +1036,8 @@ EXPORT void repousse_rim_sources(const Grid *g, const Tool *t, const Emptied *e,
         out->y[out->count] = t->centre[1] + bins[i][2] / bins[i][0];
         out->z[out->count++] = t->centre[2] + bins[i][3] / bins[i][0];
     }
-    const double spread2 = mass > 0.0 ? second / mass - (mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]) / (mass * mass) : 0.0;
+    const double spread2 =
+        mass > 0.0 ? second / mass - (mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]) / (mass * mass) : 0.0;
     out->contact_radius = sqrt(fmax(2.0 * spread2, 0.0));
 }
 
@@ -1053,7 +1076,8 @@ static Points points_of(const Sources *s) {
 
 // sum over the sources of e max(0, 1 - |x - x_s| / L)
 static float hat_sum(const Points *p, double length, int64_t i, int64_t j, int64_t k) {
-    const float x = (float)((double)i - p->centre[0]), y = (float)((double)j - p->centre[1]), z = (float)((double)k - p->centre[2]);
+    const float x = (float)((double)i - p->centre[0]), y = (float)((double)j - p->centre[1]),
+                z = (float)((double)k - p->centre[2]);
     const float inverse = (float)(1.0 / length);
     float lanes[LANES] = {0.0f};
     for (int64_t q = 0; q < p->padded; q += LANES)
@@ -1085,7 +1109,8 @@ static int full_neighbours(const Grid *g, const Tool *t, int near, int64_t i, in
     if (!near && i > 0 && j > 0 && k > 0 && i + 1 < g->shape[0] && j + 1 < g->shape[1] && k + 1 < g->shape[2]) {
         const int64_t n = g->shape[2], plane = g->shape[1] * n;
         const float *d = g->density + i * plane + j * n + k, enough = 1.0f - NEARLY_FULL;
-        return (d[plane] >= enough) + (d[-plane] >= enough) + (d[n] >= enough) + (d[-n] >= enough) + (d[1] >= enough) + (d[-1] >= enough);
+        return (d[plane] >= enough) + (d[-plane] >= enough) + (d[n] >= enough) + (d[-n] >= enough) + (d[1] >= enough) +
+               (d[-1] >= enough);
     }
     for (int q = 0; q < 6; q++) {
         const int64_t x = i + neighbours[q][0], y = j + neighbours[q][1], z = k + neighbours[q][2];
@@ -1114,7 +1139,8 @@ static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, i
     const int64_t at[3] = {i, j, k};
     for (int a = 0; a < 3; a++) {
         const int64_t *up = neighbours[2 * a], *down = neighbours[2 * a + 1];
-        inward[a] = (double)density_at(g, i + up[0], j + up[1], k + up[2]) - (double)density_at(g, i + down[0], j + down[1], k + down[2]);
+        inward[a] = (double)density_at(g, i + up[0], j + up[1], k + up[2]) -
+                    (double)density_at(g, i + down[0], j + down[1], k + down[2]);
         norm2 += inward[a] * inward[a];
     }
     const double norm = fmax(sqrt(norm2), 1e-6);
@@ -1129,8 +1155,10 @@ static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, i
     const double part = step / length, dx = way[0] * part, dy = way[1] * part, dz = way[2] * part;
     for (int64_t q = 0; q < samples; q++) {
         const double x = from[0] + (double)q * dx, y = from[1] + (double)q * dy, z = from[2] + (double)q * dz;
-        const float d = surely_inside ? g->density[((int64_t)(x + 0.5) * g->shape[1] + (int64_t)(y + 0.5)) * g->shape[2] + (int64_t)(z + 0.5)]
-                                      : density_at(g, floor_of(x + 0.5), floor_of(y + 0.5), floor_of(z + 0.5));
+        const float d =
+            surely_inside
+                ? g->density[((int64_t)(x + 0.5) * g->shape[1] + (int64_t)(y + 0.5)) * g->shape[2] + (int64_t)(z + 0.5)]
+                : density_at(g, floor_of(x + 0.5), floor_of(y + 0.5), floor_of(z + 0.5));
         if (d < SIGHT_AIR && distance(&t->volume, x - t->centre[0], y - t->centre[1], z - t->centre[2]) > 1.0) return 0;
     }
     return 1;
@@ -1154,8 +1182,8 @@ static void mark(const Rows *rows, float enough, int64_t first, uint8_t *restric
     const float *d = rows->row + first, *a = rows->beside[0] + first, *b = rows->beside[1] + first;
     const float *e = rows->beside[2] + first, *f = rows->beside[3] + first, full = 1.0f - NEARLY_FULL;
     for (int k = 0; k < LANES; k++)
-        marks[k] = (uint8_t)((d[k] < full) & ((a[k] >= enough) | (b[k] >= enough) | (e[k] >= enough) | (f[k] >= enough) |
-                                              (d[k - 1] >= enough) | (d[k + 1] >= enough)));
+        marks[k] = (uint8_t)((d[k] < full) & ((a[k] >= enough) | (b[k] >= enough) | (e[k] >= enough) |
+                                              (f[k] >= enough) | (d[k - 1] >= enough) | (d[k + 1] >= enough)));
 }
 
 // Nothing to mark where all is full, or where all is air.
@@ -1168,22 +1196,26 @@ static int dull(const Rows *rows, int64_t k) {
 
 // Where in a row a voxel may be beside the tool: there it is full when it fills what the tool leaves of it.
 static Span near_tool(const Tool *t, int64_t i, int64_t j) {
-    if (fabs((double)i - t->centre[0]) > extent(&t->volume, 0) + 3.0 || fabs((double)j - t->centre[1]) > extent(&t->volume, 1) + 3.0)
+    if (fabs((double)i - t->centre[0]) > extent(&t->volume, 0) + 3.0 ||
+        fabs((double)j - t->centre[1]) > extent(&t->volume, 1) + 3.0)
         return no_span;
-    return (Span){floor_of(t->centre[2] - extent(&t->volume, 2) - 3.0), ceil_of(t->centre[2] + extent(&t->volume, 2) + 3.0)};
+    return (Span){floor_of(t->centre[2] - extent(&t->volume, 2) - 3.0),
+                  ceil_of(t->centre[2] + extent(&t->volume, 2) + 3.0)};
 }
 
 // The voxels of a row within `length` of the box around the sources.
 static Span row_of_hats(const Points *p, double length, int64_t i, int64_t j, int64_t n) {
     const double x = fmax(fmax(p->low[0] - (double)i, (double)i - p->high[0]), 0.0);
-    const double y = fmax(fmax(p->low[1] - (double)j, (double)j - p->high[1]), 0.0), left = length * length - x * x - y * y;
+    const double y = fmax(fmax(p->low[1] - (double)j, (double)j - p->high[1]), 0.0),
+                 left = length * length - x * x - y * y;
     if (left <= 0.0) return no_span;
     const int64_t low = ceil_of(clamp(p->low[2] - sqrt(left), 0.0, (double)n));
     return (Span){low, most(low, floor_of(clamp(p->high[2] + sqrt(left), -1.0, (double)(n - 1))) + 1)};
 }
 
 // W of one voxel = (full neighbours) x (sum of hats), or 0 where material cannot rise.
-static float rise_weight(const Grid *g, const Tool *t, const Points *p, const Rim *r, double length, int64_t i, int64_t j, int64_t k) {
+static float rise_weight(const Grid *g, const Tool *t, const Points *p, const Rim *r, double length, int64_t i,
+                         int64_t j, int64_t k) {
     const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
     const double far = distance(&t->volume, x, y, z), room = 1.0 - coverage_at(far) - (double)density_at(g, i, j, k);
     if (room <= (double)NEARLY_FULL) return 0.0f;
@@ -1227,7 +1259,8 @@ EXPORT int64_t repousse_rim_gather(const Grid *g, const Tool *t, const Sources *
                 if (k > 0 && k + LANES < n)
                     mark(&rows, k < beside_tool.high && end > beside_tool.low ? 0.49f : 1.0f - NEARLY_FULL, k, marks);
                 for (; k < end; k++)
-                    if (marks[k - begin] && list_voxel(r, (i * g->shape[1] + j) * n + k, rise_weight(g, t, &p, r, length, i, j, k)) == LIST_FULL)
+                    if (marks[k - begin] && list_voxel(r, (i * g->shape[1] + j) * n + k,
+                                                       rise_weight(g, t, &p, r, length, i, j, k)) == LIST_FULL)
                         return LIST_FULL;
             }
         }
@@ -1269,7 +1302,7 @@ static void voxel_at(const Grid *g, int64_t index, int64_t at[3]) {
     at[0] = index / g->shape[2] / g->shape[1];
 }
 
-// What voxels of the list could not hold goes in equal shares to their neighbours with room. Returns what is left of it.
+// What voxels of the list could not hold goes in equal shares to their neighbours with room. Returns what is left.
 static double spill_over(Grid *g, const Tool *t, Rim *r) {
     double left = 0.0;
     int64_t at[3];
@@ -1322,7 +1355,7 @@ EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) 
     return left;
 }
 
-// ---- the paper's recursion, literally (core/recursion.py) -----------------------------------------------------------
+// The paper's recursion, literally (core/recursion.py).
 
 typedef struct {
     const int64_t *voxels; // the tool's voxels, innermost first
@@ -1364,8 +1397,10 @@ static void pass_on(Grid *g, const Tool *t, Estimate *m, Recursion *r, int64_t i
 EXPORT void repousse_recursive(Grid *g, const Tool *t, Estimate *m, Recursion *r) {
     for (int64_t q = 0; q < r->count && r->calls <= r->budget; q++) {
         if (!(m->tool_mass > r->kappa * m->reach_mass * (1.0 + r->relaxed))) break;
-        const int64_t at = r->voxels[q], k = at % g->shape[2], j = at / g->shape[2] % g->shape[1], i = at / g->shape[2] / g->shape[1];
-        const double w = coverage(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
+        const int64_t at = r->voxels[q], k = at % g->shape[2], j = at / g->shape[2] % g->shape[1],
+                      i = at / g->shape[2] / g->shape[1];
+        const double w =
+            coverage(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
         const double former = (double)g->density[at];
         g->density[at] = (float)(former - w * former);
         const double taken = former - (double)g->density[at];
