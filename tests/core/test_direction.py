@@ -5,8 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from repousse.core import Material, Push, SphereTool
+from repousse.core import Material, Push, SphereTool, dispersion
 
 from .volumes import TINY, line, net_moved, tilted_half_space, walk
 
@@ -68,6 +70,29 @@ def test_pit_with_a_rim(direction):
     heights, radii = (np.arange(n)[:, None] * BIN for n in straight.shape)
     for mean in (lambda ring: (heights * ring).sum() / ring.sum(), lambda ring: (radii.T * ring).sum() / ring.sum()):
         assert mean(rim[1]) == pytest.approx(mean(rim[0]), abs=0.05 * RADIUS)
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda u: np.linalg.norm(u) > 0.1))
+def test_spreading(vector):
+    """The 3x3 weights carry exactly all of the flux, along u, and spread it by D for each voxel of the way."""
+    u = np.array(vector) / np.linalg.norm(vector)
+    axis = dispersion.dominant_axis(tuple(u.tolist()))
+    kernel = dispersion.spreading(tuple(u.tolist()), axis)
+    weights = np.array(kernel.weights, np.float32).reshape(3, 3)
+    assert weights.min() >= 0.0
+    assert weights.astype(np.float64).sum() == 1.0
+    across = np.delete(u, axis) / abs(u[axis])
+    steps = np.array([-1.0, 0.0, 1.0])
+    for slope, shift, part in zip(across, kernel.shift, (weights.sum(axis=1), weights.sum(axis=0))):
+        mean = float(part @ steps)
+        assert shift + mean == pytest.approx(slope, abs=1e-6)
+        wanted = dispersion.DISPERSION / abs(u[axis]) * (1.0 + slope**2)
+        rest = slope - shift
+        wanted = min(max(wanted, abs(rest) - rest**2), 0.9, 1.0 - rest**2)  # as far as 3 weights can
+        assert float(part @ steps**2) - mean**2 == pytest.approx(wanted, abs=2e-6)
+    covariance = float(steps @ weights @ steps) - float(weights.sum(1) @ steps) * float(weights.sum(0) @ steps)
+    wanted = dispersion.DISPERSION / abs(u[axis]) * across[0] * across[1]
+    assert min(0.0, wanted) - 1e-6 <= covariance <= max(0.0, wanted) + 1e-6
 
 
 @pytest.mark.parametrize("direction", OBLIQUE)
