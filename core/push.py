@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 METHODS = ("sweep", "recursive")
 LONGEST_STEP = 0.5
 """Voxels of travel to a solve, at most: thin sheets are not jumped."""
+SAME_DIRECTION = 1e-9
+"""Distance of two unit vectors that differ by rounding only."""
 TURNING_STEP = 0.25
 """Voxels of travel since the last dispersion from which on they give its direction."""
 MOST_SWEEPS = 4
@@ -112,6 +114,7 @@ class Push:
         self.grid, self.material = grid, material
         self.method, self.border, self.band, self.rim, self.wake = method, border, band, rim, wake
         self.origin = (0, 0, 0)
+        self._aimed: tuple[Vector, Tool] | None = None  # what the sweeps are made ready for
         self._work = Workspace(grid.density)
         self._take_up(tool)
         self._warn_if_unyielding()
@@ -252,7 +255,10 @@ class Push:
         """u: the displacement since the last dispersion, else the previous u, else into the contact (DESIGN 2)."""
         length = dist(position, turned_at)
         if length >= TURNING_STEP:
-            return _scaled(position, turned_at, 1.0 / length)
+            direction = _scaled(position, turned_at, 1.0 / length)
+            # A straight path keeps its direction to the last bit, and with it all that was made ready for it.
+            same = self._direction is not None and dist(direction, self._direction) < SAME_DIRECTION
+            return self._direction if same else direction
         if self._direction is not None:
             return self._direction
         return _scaled((0.0, 0.0, 0.0), normal, 1.0) if hypot(*normal) >= 1.0 - 1e-9 else None
@@ -263,7 +269,9 @@ class Push:
             return self._relax_recursively(direction)
         work, kappa, moved = self._work, self.material.yield_ratio, _Moved()
         masses, axis, packed = work.estimate, dispersion.dominant_axis(direction), self.band is not None
-        dispersion.aim(work, direction, axis, BORDERS.index(self.border), self.band)
+        if self._aimed != (direction, self.tool):
+            dispersion.aim(work, direction, axis, BORDERS.index(self.border), self.band)
+            self._aimed = (direction, self.tool)
         gain = self._gain
         while moved.sweeps < MOST_SWEEPS:
             if packed and moved.sweeps:

@@ -836,13 +836,12 @@ static int all_full(const float *d, int64_t n) {
     return bits == 0;
 }
 
-// deposit = min(flux, 1 - d) in a stretch of a row; true when anything was laid down. d and flux begin at its start.
-static int deposit(float *restrict d, float *restrict flux, int64_t n, float *restrict laid) {
+// deposit = min(flux, 1 - d), for a row.
+static void deposit(const float *restrict d, const float *restrict flux, int64_t n, float *restrict laid) {
     for (int64_t k = 0; k < n; k++) {
         const float room = 1.0f - d[k];
         laid[k] = flux[k] < room ? flux[k] : room;
     }
-    return any_bits(laid, n) != 0;
 }
 
 // Lay it down; returns the mass that the row gained, rounding included.
@@ -865,60 +864,69 @@ static double lay_down(float *restrict d, float *restrict flux, int64_t n, const
     return lane_sum(lanes);
 }
 
-// What M_s gains from a stretch of a row that gained `gained` in all.
+// What M_s gains from a row that gained `gained` in all.
 static double reach_gain(const Frame *f, double x, double y, const float *laid, int64_t first, int64_t last,
                          double gained) {
-    const double z = f->centre[2];
+    const double z = f->centre[2], inner = f->surroundings.radius - 0.5;
     const double farthest = fmax(fabs((double)first - z), fabs((double)(last - 1) - z));
-    if (distance(&f->surroundings, x, y, farthest) <= -0.5 && f->surroundings.ball) return gained;
+    if (f->surroundings.ball && x * x + y * y + farthest * farthest <= inner * inner) return gained;
     return covered_sum(&f->surroundings, x, y, z, first, last, laid - first);
 }
 
-// Fill what room this plane has outside the tool. Returns whether any flux is left.
-static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
-    const int64_t *w = s->window;
-    const double x = (double)s->plane - f->centre[0];
-    const int in_tool = fabs(x) < extent(&f->volume, 0) + 0.5, in_reach = fabs(x) < extent(&f->surroundings, 0) + 0.5;
-    uint32_t left = 0;
-    if (f->stride[2] != 1 && !slab_holds(slab, w, s->plane)) load_slab(g, f, s, slab, s->plane);
-    for (int64_t b = w[0]; b < w[1]; b++) {
-        const double y = (double)b - f->centre[1];
-        float *d = f->stride[2] == 1 ? g->density + s->plane * f->stride[0] + b * f->stride[1]
-                                     : slab_row(s, slab, s->plane, b);
-        if (all_full(d + w[2], w[3] - w[2])) { // saturated: all goes on
-            left = 1;
-            continue;
-        }
-        Span tool = {w[2], w[2]};
-        if (in_tool) tool = row_span(&f->volume, x, y, f->centre[2], f->n[2]);
-        if (tool.low >= tool.high) tool.low = tool.high = w[2];
-        const int64_t stretches[2][2] = {{w[2], least(tool.low, w[3])}, {most(tool.high, w[2]), w[3]}};
-        for (int side = 0; side < 2; side++) {
-            const int64_t c0 = stretches[side][0], c1 = stretches[side][1];
-            if (c0 >= c1 || !deposit(d + c0, flux_at(s, b, c0), c1 - c0, s->row)) continue;
-            if (f->stride[2] == 1) {
-                int64_t low[3], high[3];
-                const int64_t from[3] = {s->plane, b, c0}, to[3] = {s->plane + 1, b + 1, c1};
-                for (int i = 0; i < 3; i++) {
-                    low[f->axis[i]] = from[i];
-                    high[f->axis[i]] = to[i];
-                }
-                keep_box(g, low[0], high[0], low[1], high[1], low[2], high[2]);
-                mark_dirty(s->dirty, low[0], high[0], low[1], high[1], low[2], high[2]);
-            } else {
-                slab->dirty_b0 = least(slab->dirty_b0, b);
-                slab->dirty_b1 = most(slab->dirty_b1, b + 1);
-                slab->dirty_c0 = least(slab->dirty_c0, c0);
-                slab->dirty_c1 = most(slab->dirty_c1, c1);
-                mark_dirty(s->dirty, b, b + 1, c0, c1, s->plane, s->plane + 1);
-            }
-            const double gained = lay_down(d + c0, flux_at(s, b, c0), c1 - c0, s->row);
-            s->laid += gained;
-            if (in_reach) s->reach_gain += reach_gain(f, x, y, s->row, c0, c1, gained);
-        }
-        left |= any_bits(flux_at(s, b, w[2]), w[3] - w[2]);
+// Note that a row of this plane was written, and keep its bricks before.
+static void touch_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b) {
+    const int64_t from[3] = {s->plane, b, s->window[2]}, to[3] = {s->plane + 1, b + 1, s->window[3]};
+    int64_t low[3], high[3];
+    for (int i = 0; i < 3; i++) {
+        low[f->axis[i]] = from[i];
+        high[f->axis[i]] = to[i];
     }
-    return left != 0;
+    mark_dirty(s->dirty, low[0], high[0], low[1], high[1], low[2], high[2]);
+    if (f->stride[2] == 1) {
+        keep_box(g, low[0], high[0], low[1], high[1], low[2], high[2]);
+        return;
+    }
+    slab->dirty_b0 = least(slab->dirty_b0, b);
+    slab->dirty_b1 = most(slab->dirty_b1, b + 1);
+    slab->dirty_c0 = least(slab->dirty_c0, s->window[2]);
+    slab->dirty_c1 = most(slab->dirty_c1, s->window[3]);
+}
+
+// Fill what room one row has outside the tool. Returns whether any flux is left in it.
+static int fill_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b, float *row, int64_t readable) {
+    const int64_t *w = s->window, n = w[3] - w[2];
+    const double x = (double)s->plane - f->centre[0], y = (double)b - f->centre[1];
+    float *d = row + w[2], *flux = flux_at(s, b, w[2]);
+    if (all_full(d, n)) return 1; // saturated: all goes on
+    // Beyond the window the flux is 0, and so is what it lays: whole lanes are faster where there is memory to read.
+    const int64_t lanes = w[2] + whole_lanes(n) <= readable ? whole_lanes(n) : n;
+    deposit(d, flux, lanes, s->row);
+    if (fabs(x) < extent(&f->volume, 0) + 0.5) {
+        const Span tool = row_span(&f->volume, x, y, f->centre[2], f->n[2]);
+        const int64_t low = within(tool.low, w[2], w[3]), high = within(tool.high, low, w[3]);
+        memset(s->row + (low - w[2]), 0, (size_t)(high - low) * sizeof(float)); // no room in the tool
+    }
+    if (any_bits(s->row, lanes)) {
+        touch_row(g, f, s, slab, b);
+        const double gained = lay_down(d, flux, lanes, s->row);
+        s->laid += gained;
+        if (fabs(x) < extent(&f->surroundings, 0) + 0.5)
+            s->reach_gain += reach_gain(f, x, y, s->row, w[2], w[3], gained);
+    }
+    return any_bits(flux, lanes) != 0;
+}
+
+// Fill what room this plane has. Returns whether any flux is left.
+static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
+    const int in_memory = f->stride[2] == 1;
+    int left = 0;
+    if (!in_memory && !slab_holds(slab, s->window, s->plane)) load_slab(g, f, s, slab, s->plane);
+    for (int64_t b = s->window[0]; b < s->window[1]; b++) {
+        const int64_t start = s->plane * f->stride[0] + b * f->stride[1], voxels = f->n[0] * f->n[1] * f->n[2];
+        float *row = in_memory ? g->density + start : slab_row(s, slab, s->plane, b);
+        left |= fill_row(g, f, s, slab, b, row, in_memory ? voxels - start : 0);
+    }
+    return left;
 }
 
 // Whether there is more flux than one may send back for being negligible.

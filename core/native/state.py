@@ -209,7 +209,7 @@ class Workspace:
         for flux in former:
             self._fluxes[0][: flux.size] = flux
         self.sweep.flux, self.sweep.next = (pointer(flux, c_float) for flux in self._fluxes)
-        self._row = np.empty(max(density.shape) + 8, np.float32)
+        self._row = np.empty(max(density.shape) + 16, np.float32)
         self._slab = np.empty(SLAB_PLANES * nx * ny, np.float32)
         self.sweep.row, self.sweep.slab = pointer(self._row, c_float), pointer(self._slab, c_float)
         self._zeros = np.zeros(nz, np.float32)
