@@ -69,11 +69,10 @@ def felt_force(stress: float, yield_stress: float, normal: Vector, direction: Ve
 def estimate(work: Workspace) -> None:
     """M_t = sum of w_t d, M_s = sum of (w_s - w_t) d, and grad M_t, into ``work.estimate`` (paper equations 4 and 5).
 
-    The reach is what surrounds the tool, so the tool's own mass is not in M_s. The compiled kernel also lists the
-    voxels of the tool that hold density; `empty` takes from that list, which holds until the grid grows.
+    The reach is what surrounds the tool, so the tool's own mass is not in M_s.
     """
     if work.library:
-        work.library.repousse_estimate(byref(work.grid), byref(work.tool), byref(work.estimate), byref(work.emptied))
+        work.library.repousse_estimate(byref(work.grid), byref(work.tool), byref(work.estimate))
     else:
         _estimate_numpy(work)
 

@@ -274,8 +274,6 @@ class Push:
             self._aimed = (direction, self.tool)
         gain = self._gain
         while moved.sweeps < MOST_SWEEPS:
-            if packed and moved.sweeps:
-                estimate(work)  # the rim may have risen into voxels of the tool's skin that were empty
             excess = masses.tool_mass - kappa * masses.reach_mass
             wanted = excess / (1.0 + kappa * gain)
             dispersion.empty(work, axis, wanted, packed)

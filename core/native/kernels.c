@@ -80,9 +80,8 @@ typedef struct {
     int64_t low[3], n[3];      // the box around the tool, in (a, b, c) order
     int64_t first[3], last[3]; // the part of it that is not zero, half open, as grid indices in (a, b, c) order
     double mass, tool_loss, reach_loss;
-    Occupied *occupied; // the tool's voxels that hold density, as the last estimate found them
-    int64_t occupied_count;
-    double carry; // what rounding to float32 has kept back so far; it travels with the next flux
+    Occupied *occupied; // scratch, a place for each voxel of the box
+    double carry;       // what rounding to float32 has kept back so far; it travels with the next flux
 } Emptied;
 
 typedef struct {
@@ -359,59 +358,76 @@ static int64_t shell_of(double distance_, int64_t shells) {
     return least((int64_t)((0.5 - distance_) / SHELL), shells - 1);
 }
 
-// One row of the tool: M_t gains w d, grad M_t gains d n where the skin cuts a voxel, n the outward normal, and the
-// voxels that hold density are listed: of these some may have to give it up.
-static void weigh_row(const Shape *s, double x, double y, double z, Span span, int64_t row, const float *d,
-                      int64_t shells, Estimate *out, Emptied *e) {
-    const double across2 = x * x + y * y;
-    double flat = 0.0, along = 0.0, n[3];
-    Occupied *list = e->occupied + e->occupied_count;
+// The voxels of a ball's row that it covers wholly: of `span`, all but its two ends.
+static Span ball_core(double radius, double across2, double z, Span span) {
+    const double inner2 = (radius - 0.5) * (radius - 0.5);
+    if (across2 >= inner2) return (Span){span.high, span.high};
+    const double half = sqrt(inner2 - across2);
+    const int64_t low = within(ceil_of(z - half), span.low, span.high);
+    return (Span){low, within(floor_of(z + half) + 1, low, span.high)};
+}
+
+// A stretch of a ball's row at its skin: M_t gains w d, and grad M_t gains d n where 0 < w < 1, n the outward normal.
+static void weigh_skin(double radius, double x, double y, double z, Span span, const float *d, Estimate *out) {
+    double flat = 0.0, along = 0.0;
     for (int64_t k = span.low; k < span.high; k++) {
         if (d[k] <= 0.0f) continue;
-        const double at = (double)k - z, root = s->ball ? sqrt(across2 + at * at) : 1.0;
-        const double far = s->ball ? root - s->radius : distance(s, x, y, at), w = coverage_at(far);
+        const double at = (double)k - z, root = sqrt(x * x + y * y + at * at), w = coverage_at(root - radius);
+        const double part = w > 0.0 && w < 1.0 ? (double)d[k] / root : 0.0;
         out->tool_mass += w * (double)d[k];
-        *list++ = (Occupied){row + k, shell_of(far, shells), w};
-        if (w >= 1.0) continue;
-        if (s->ball) {
-            flat += (double)d[k] / root;
-            along += (double)d[k] / root * at;
-            continue;
-        }
-        normal(s, x, y, at, n);
-        for (int a = 0; a < 3; a++) out->gradient[a] += (double)d[k] * n[a];
+        flat += part;
+        along += part * at;
     }
-    e->occupied_count = list - e->occupied;
     out->gradient[0] += x * flat;
     out->gradient[1] += y * flat;
     out->gradient[2] += along;
 }
 
-static void weigh_tool(const Grid *g, const Tool *t, Estimate *out, Emptied *e) {
+// The same for any shape.
+static void weigh_stretch(const Shape *s, double x, double y, double z, Span span, const float *d, Estimate *out) {
+    double n[3];
+    for (int64_t k = span.low; k < span.high; k++) {
+        if (d[k] <= 0.0f) continue;
+        const double at = (double)k - z, w = coverage(s, x, y, at);
+        out->tool_mass += w * (double)d[k];
+        if (w >= 1.0) continue;
+        normal(s, x, y, at, n);
+        for (int a = 0; a < 3; a++) out->gradient[a] += (double)d[k] * n[a];
+    }
+}
+
+static void weigh_row(const Shape *s, double x, double y, double z, int64_t n, const float *d, Estimate *out) {
+    const Span span = row_span(s, x, y, z, n);
+    if (!s->ball) {
+        weigh_stretch(s, x, y, z, span, d, out);
+        return;
+    }
+    const Span core = ball_core(s->radius, x * x + y * y, z, span);
+    weigh_skin(s->radius, x, y, z, (Span){span.low, core.low}, d, out);
+    out->tool_mass += row_sum(d + core.low, core.high - core.low);
+    weigh_skin(s->radius, x, y, z, (Span){core.high, span.high}, d, out);
+}
+
+static void weigh_tool(const Grid *g, const Tool *t, Estimate *out) {
     int64_t low[3], high[3], first, last;
-    const int64_t shells = shell_count(t);
-    e->occupied_count = 0;
     box_of(&t->volume, t->centre, g->shape, low, high);
     for (int64_t i = low[0]; i < high[0]; i++) {
-        const double x = (double)i - t->centre[0];
         rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
-            const double y = (double)j - t->centre[1];
-            const int64_t row = (i * g->shape[1] + j) * g->shape[2];
-            const float *d = g->density + row;
+            const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
             if (!any_bits(d + low[2], most(0, high[2] - low[2]))) continue; // most of a tool has been emptied
-            const Span span = row_span(&t->volume, x, y, t->centre[2], g->shape[2]);
-            weigh_row(&t->volume, x, y, t->centre[2], span, row, d, shells, out, e);
+            weigh_row(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], t->centre[2], g->shape[2], d,
+                      out);
         }
     }
 }
 
 // M_t = sum w_t d, M_s = sum (w_s - w_t) d, and grad M_t (paper equations 4, 5).
-EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out, Emptied *e) {
+EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out) {
     int64_t low[3], high[3], first, last;
     double both = 0.0;
     memset(out, 0, sizeof *out);
-    weigh_tool(g, t, out, e);
+    weigh_tool(g, t, out);
     box_of(&t->surroundings, t->centre, g->shape, low, high);
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
@@ -495,11 +511,34 @@ static void send_carry(Emptied *e, float *largest) {
     e->carry -= sent;
 }
 
+// The tool's voxels that hold density, for the two looks that follow: weigh the shells, then take.
+static int64_t list_occupied(const Grid *g, const Tool *t, int64_t shells, Occupied *list) {
+    int64_t low[3], high[3], count = 0, first, last;
+    box_of(&t->volume, t->centre, g->shape, low, high);
+    for (int64_t i = low[0]; i < high[0]; i++) {
+        const double x = (double)i - t->centre[0];
+        rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
+        for (int64_t j = first; j < last; j++) {
+            const double y = (double)j - t->centre[1], z = t->centre[2];
+            const int64_t row = (i * g->shape[1] + j) * g->shape[2];
+            const float *d = g->density + row;
+            if (!any_bits(d + low[2], most(0, high[2] - low[2]))) continue;
+            const Span span = row_span(&t->volume, x, y, z, g->shape[2]);
+            for (int64_t k = span.low; k < span.high; k++) {
+                if (d[k] <= 0.0f) continue;
+                const double far = distance(&t->volume, x, y, (double)k - z);
+                list[count++] = (Occupied){row + k, shell_of(far, shells), coverage_at(far)};
+            }
+        }
+    }
+    return count;
+}
+
 // Take mass from the innermost shells of the tool until M_t has fallen by `wanted` (paper 7, steps 2 and 4).
 EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed, Emptied *e) {
     const Frame f = frame_of(g, t, e->axis);
     double mass[MAX_SHELLS];
-    const int64_t shells = shell_count(t), count = e->occupied_count;
+    const int64_t shells = shell_count(t), count = list_occupied(g, t, shells, e->occupied);
     memset(mass, 0, (size_t)shells * sizeof(double));
     for (int64_t q = 0; q < count; q++) {
         const Occupied *o = e->occupied + q;

@@ -92,7 +92,6 @@ class Emptied(Structure):
         ("tool_loss", c_double),
         ("reach_loss", c_double),
         ("occupied", c_void_p),
-        ("occupied_count", c_int64),
         ("carry", c_double),
     ]
 
