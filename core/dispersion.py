@@ -14,7 +14,6 @@ from math import copysign, inf
 
 import numpy as np
 
-from .grid import BRICK
 from .native.state import DONE, GROW, NEEDS_GROWTH, OPEN, ORDERS, Workspace
 from .plasticity import box_around
 from .tool import Shape, Vector, vector
@@ -347,7 +346,7 @@ def _ask_growth(work: Workspace, order: tuple[int, int, int], planes: np.ndarray
     asked = (step < 0, step > 0, b0 < 0, b1 > planes.shape[1], c0 < 0, c1 > planes.shape[2])
     for slot, axis in enumerate(order):
         for end in range(2):
-            work.sweep.needs[2 * axis + end] = BRICK if asked[2 * slot + end] else 0
+            work.sweep.needs[2 * axis + end] = asked[2 * slot + end]
     return any(asked)
 
 

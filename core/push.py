@@ -33,6 +33,8 @@ TURNING_STEP = 0.25
 """Voxels of travel since the last dispersion from which on they give its direction."""
 MOST_SWEEPS = 4
 """Sweeps to a solve: the first, and at most three that correct for what left the reach."""
+GROWTH_SHARE = 64
+"""A side grows by a brick for each so many voxels along it, an eighth: the copy that each growth costs stays rare."""
 GIVEN = 0.999
 """Share of what was wanted below which packed material has given all it can."""
 BLOCKED = 1e-3
@@ -334,7 +336,7 @@ class Push:
             if self.border != "grow" or not outcome.mass_out:
                 break
             work.density[:] = outcome.before  # it ran over the border: make the grid larger, and run again
-            self._grow((BRICK,) * 3, (BRICK,) * 3)
+            self._grow((1, 1, 1), (1, 1, 1))
             estimate(work)
         blocked = outcome.kept > BLOCKED * outcome.emptied
         return _Moved(outcome.emptied - outcome.kept, outcome.mass_out, blocked, 1, self._in_pose_frame(outcome.dirty))
@@ -354,18 +356,19 @@ class Push:
             face = list(inside)
             if low[a] <= 0:
                 face[a] = slice(0, 1)
-                below[a] = BRICK * bool(self.grid.density[tuple(face)].any())
+                below[a] = int(self.grid.density[tuple(face)].any())
             if high[a] >= self.grid.shape[a]:
                 face[a] = slice(-1, None)
-                above[a] = BRICK * bool(self.grid.density[tuple(face)].any())
+                above[a] = int(self.grid.density[tuple(face)].any())
         if any(below) or any(above):
             self._grow(below, above)
 
     def _grow(self, below: Sequence[int], above: Sequence[int]) -> None:
-        """Pad the grid in whole bricks; everything that is under way follows."""
+        """Pad the grid in whole bricks on the sides that are asked for; everything that is under way follows."""
         work = self._work
-        below = (int(below[0]), int(below[1]), int(below[2]))
-        self.grid.grow(below, (int(above[0]), int(above[1]), int(above[2])))
+        bricks = [BRICK * max(1, n // GROWTH_SHARE) for n in self.grid.shape]
+        below = (bricks[0] * bool(below[0]), bricks[1] * bool(below[1]), bricks[2] * bool(below[2]))
+        self.grid.grow(below, (bricks[0] * bool(above[0]), bricks[1] * bool(above[1]), bricks[2] * bool(above[2])))
         x, y, z = self.origin
         self.origin = (x - below[0], y - below[1], z - below[2])
         work.attach(self.grid.density, sweeping=True)

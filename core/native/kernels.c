@@ -94,7 +94,7 @@ typedef struct {
     int64_t window[4];         // b0, b1, c0, c1 of the active window, half open
     int64_t origin[2], stride; // where the flux buffer starts and its row length
     int64_t plane, spread_done;
-    int64_t needs[6]; // voxels of growth asked for: below and above along axes 0, 1, 2
+    int64_t needs[6]; // the sides that must grow: below and above along axes 0, 1, 2
     double laid, reach_gain, mass_out, surplus;
     int64_t planes, visited;
     int64_t dirty[6]; // low and high of what was written, grid order
@@ -836,8 +836,8 @@ static int64_t ask_growth(Sweep *s, const Frame *f, int below_a, int above_a) {
     const int64_t asked[6] = {below_a, above_a, w[0]<0, w[1]> f->n[1], w[2]<0, w[3]> f->n[2]};
     int any = 0;
     for (int i = 0; i < 3; i++) {
-        s->needs[2 * f->axis[i]] = asked[2 * i] ? BRICK : 0;
-        s->needs[2 * f->axis[i] + 1] = asked[2 * i + 1] ? BRICK : 0;
+        s->needs[2 * f->axis[i]] = asked[2 * i] != 0;
+        s->needs[2 * f->axis[i] + 1] = asked[2 * i + 1] != 0;
         any |= asked[2 * i] || asked[2 * i + 1];
     }
     return any;
