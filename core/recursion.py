@@ -9,13 +9,14 @@ of equally deep voxels, so it is for small grids, and a budget ends it with a cl
 from __future__ import annotations
 
 import sys
-from ctypes import POINTER, Structure, byref, c_double, c_int64
+from ctypes import byref, c_int64
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from .grid import Box
 from .native.state import Workspace, box_from, pointer
+from .native.structures import RecursionState
 from .plasticity import RELAXED, box_around, overloaded
 
 BUDGET = 50_000_000
@@ -24,27 +25,6 @@ SMALLEST = 1e-5
 """Voxels' worth of overflow that is not passed on but kept aside: 3 % less than this is ever noticed in the result."""
 FORWARD = 0.5
 """A neighbour is forward when the cosine of its angle to u is above this."""
-
-
-class RecursionState(Structure):
-    """Recursion of kernels.c."""
-
-    _fields_ = [
-        ("voxels", POINTER(c_int64)),
-        ("count", c_int64),
-        ("offsets", c_int64 * 78),
-        ("weights", c_double * 26),
-        ("forward", c_int64),
-        ("wall", c_int64),
-        ("budget", c_int64),
-        ("calls", c_int64),
-        ("kappa", c_double),
-        ("relaxed", c_double),
-        ("smallest", c_double),
-        ("emptied", c_double),
-        ("mass_out", c_double),
-        ("aside", c_double),
-    ]
 
 
 @dataclass(frozen=True)

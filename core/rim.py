@@ -14,7 +14,8 @@ from math import ceil, floor
 
 import numpy as np
 
-from .native.state import CLUSTERS, LIST_FULL, MAX_POINTS, ORDERS, Workspace
+from .native.state import LIST_FULL, ORDERS, Workspace
+from .native.structures import CLUSTERS, MAX_POINTS
 from .tool import Shape
 
 PASSES = 6

@@ -14,8 +14,7 @@ import logging
 import os
 from pathlib import Path
 
-ABI_VERSION = 1
-"""Must equal ABI_VERSION in kernels.c: a library of another shape is not called."""
+from .structures import FINGERPRINT
 
 LIBRARY_NAMES = ("kernels.so", "kernels.dylib", "kernels.dll")
 
@@ -37,8 +36,8 @@ def _open(path: Path) -> ctypes.CDLL:
     if faster.is_file() and library.repousse_has_avx2():
         library = ctypes.CDLL(str(faster))
     library.repousse_abi.restype = ctypes.c_int64
-    if library.repousse_abi() != ABI_VERSION:
-        raise OSError(f"{path.name} is of version {library.repousse_abi()}, and version {ABI_VERSION} is needed")
+    if library.repousse_abi() != FINGERPRINT:
+        raise OSError(f"{path.name} was built from another version of kernels.c: run make setup, or install again")
     for name in ("estimate", "empty", "clear", "put_back", "rim_sources", "recursive"):
         getattr(library, f"repousse_{name}").restype = None
     for name in ("sweep", "rim_gather"):

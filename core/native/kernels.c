@@ -19,7 +19,7 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-#define ABI_VERSION 1          // the loader refuses any other
+#define ABI_VERSION 2          // the loader refuses any other
 #define BRICK 8                // edge of a brick, core/grid.py
 #define SHELL 0.5              // thickness of the shells that are emptied one after another, voxels
 #define MAX_SHELLS 4096        // so tools are under 2000 voxels thick
@@ -117,8 +117,6 @@ typedef struct {
     double tool_gain, reach_gain; // of M_t and M_s, by what was laid
     int64_t dirty[6];
 } Rim;
-
-EXPORT int64_t repousse_abi(void) { return ABI_VERSION; }
 
 // Whether processor and system have AVX2: then the loader takes the library that was compiled for it from this source.
 EXPORT int64_t repousse_has_avx2(void) {
@@ -1455,4 +1453,12 @@ EXPORT void repousse_recursive(Grid *g, const Tool *t, Estimate *m, Recursion *r
         r->emptied += taken;
         pass_on(g, t, m, r, i, j, k, taken);
     }
+}
+
+// The version and the sizes of all structures: core/native/structures.py computes the same, or does not call.
+EXPORT int64_t repousse_abi(void) {
+    const size_t sizes = sizeof(Shape) + 3 * sizeof(Tool) + 5 * sizeof(Grid) + 7 * sizeof(Estimate) +
+                         11 * sizeof(Emptied) + 13 * sizeof(Sweep) + 17 * sizeof(Sources) + 19 * sizeof(Rim) +
+                         23 * sizeof(Recursion);
+    return ABI_VERSION + 100 * (int64_t)sizes;
 }

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The memory that a push works in: the structures of kernels.c, field by field, and the scratch that they point to.
-
-The numpy twins read and write the same structures, so that either kind of kernel can go on where the other stopped.
-"""
+"""The memory that a push works in: the structures that kernels read and write, and the scratch that they point to."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from ctypes import POINTER, Structure, c_double, c_float, c_int64, c_uint8, c_void_p
+from ctypes import POINTER, c_double, c_float, c_int64
 from math import ceil, floor
 from typing import Any, Protocol
 
@@ -17,12 +14,11 @@ import numpy as np
 from ..grid import BRICK, Box
 from ..tool import Shape, Tool
 from . import library
+from .structures import Emptied, Estimate, GridState, Rim, ShapeState, Sources, Sweep, ToolState
 
 ORDERS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
 """For each dominant axis, the axes in the order (a, b, c): swept along a, in rows along c."""
 
-CLUSTERS = 9
-MAX_POINTS = CLUSTERS**3
 SLAB_PLANES = 16
 DONE, NEEDS_GROWTH, LIST_FULL = 0, 1, 2
 BORDERS = ("grow", "wall", "open")
@@ -45,117 +41,6 @@ class Keeper(Protocol):
     def attach(self, work: Workspace) -> None:
         """Tell the kernels where to keep bricks."""
         ...
-
-
-class ShapeState(Structure):
-    """Shape of kernels.c."""
-
-    _fields_ = [("half_size", c_double * 3), ("half_axis", c_double * 3), ("radius", c_double), ("ball", c_int64)]
-
-
-class ToolState(Structure):
-    """Tool of kernels.c."""
-
-    _fields_ = [("volume", ShapeState), ("surroundings", ShapeState), ("centre", c_double * 3)]
-
-
-class GridState(Structure):
-    """Grid of kernels.c."""
-
-    _fields_ = [
-        ("density", POINTER(c_float)),
-        ("shape", c_int64 * 3),
-        ("kept", POINTER(c_uint8)),
-        ("images", POINTER(c_float)),
-        ("bricks", POINTER(c_int64)),
-        ("kept_count", POINTER(c_int64)),
-    ]
-
-
-class Estimate(Structure):
-    """M_t, M_s in voxels' worth, and grad M_t in voxels' worth per voxel of the tool's travel."""
-
-    _fields_ = [("tool_mass", c_double), ("reach_mass", c_double), ("gradient", c_double * 3)]
-
-
-class Emptied(Structure):
-    """What left the tool, voxel by voxel: indices and box in (a, b, c) order, masses in voxels' worth."""
-
-    _fields_ = [
-        ("axis", c_int64),
-        ("buffer", POINTER(c_float)),
-        ("low", c_int64 * 3),
-        ("n", c_int64 * 3),
-        ("first", c_int64 * 3),
-        ("last", c_int64 * 3),
-        ("mass", c_double),
-        ("tool_loss", c_double),
-        ("reach_loss", c_double),
-        ("occupied", c_void_p),
-        ("carry", c_double),
-    ]
-
-
-class Sweep(Structure):
-    """A sweep under way: flux and window in (b, c), and what it has done so far in voxels' worth."""
-
-    _fields_ = [
-        ("direction", c_double * 3),
-        ("limit", c_double),
-        ("weights", c_float * 9),
-        ("shift", c_int64 * 2),
-        ("border", c_int64),
-        ("flux", POINTER(c_float)),
-        ("next", POINTER(c_float)),
-        ("row", POINTER(c_float)),
-        ("slab", POINTER(c_float)),
-        ("window", c_int64 * 4),
-        ("origin", c_int64 * 2),
-        ("stride", c_int64),
-        ("plane", c_int64),
-        ("spread_done", c_int64),
-        ("needs", c_int64 * 6),
-        ("laid", c_double),
-        ("reach_gain", c_double),
-        ("mass_out", c_double),
-        ("surplus", c_double),
-        ("planes", c_int64),
-        ("visited", c_int64),
-        ("dirty", c_int64 * 6),
-    ]
-
-
-class Sources(Structure):
-    """Clusters of emptied material: mean positions (voxels) and masses; the contact radius in voxels."""
-
-    _fields_ = [
-        ("x", c_double * MAX_POINTS),
-        ("y", c_double * MAX_POINTS),
-        ("z", c_double * MAX_POINTS),
-        ("mass", c_double * MAX_POINTS),
-        ("count", c_int64),
-        ("contact_radius", c_double),
-    ]
-
-
-class Rim(Structure):
-    """The free surface that can take material, and the rules by which it is found."""
-
-    _fields_ = [
-        ("index", POINTER(c_int64)),
-        ("weight", POINTER(c_float)),
-        ("spill_index", POINTER(c_int64)),
-        ("spill", POINTER(c_float)),
-        ("capacity", c_int64),
-        ("count", c_int64),
-        ("spilling", c_int64),
-        ("zeros", POINTER(c_float)),
-        ("direction", c_double * 3),
-        ("wake", c_double),
-        ("tool_gain", c_double),
-        ("reach_gain", c_double),
-        ("dirty", c_int64 * 6),
-    ]
 
 
 def pointer(array: np.ndarray, kind: type) -> Any:
