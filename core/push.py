@@ -303,7 +303,6 @@ class Push:
         masses, emptied, sweep = work.estimate, work.emptied, work.sweep
         sweep.dirty[:] = work.rim.dirty[:] = no_box()
         work.rim.tool_gain = work.rim.reach_gain = 0.0
-        former_origin = self.origin, self.grid.shape
         dispersion.sweep_emptied(work)
         while dispersion.sweep(work) == NEEDS_GROWTH:
             self._grow(sweep.needs[0::2], sweep.needs[1::2])
@@ -314,11 +313,9 @@ class Push:
             )
         if left > 0.0:
             dispersion.put_back(work, left)
-        if former_origin == (self.origin, self.grid.shape):  # what was moved is known, so nothing is summed anew
-            masses.tool_mass += work.rim.tool_gain - emptied.tool_loss
-            masses.reach_mass += work.rim.reach_gain + sweep.reach_gain - emptied.reach_loss
-        else:
-            estimate(work)
+        # What was moved is known, so nothing is summed anew.
+        masses.tool_mass += work.rim.tool_gain - emptied.tool_loss
+        masses.reach_mass += work.rim.reach_gain + sweep.reach_gain - emptied.reach_loss
         moved.out += sweep.mass_out
         for box in (self._emptied_box(axis), box_from(sweep.dirty), box_from(work.rim.dirty)):
             moved.dirty = union(moved.dirty, self._in_pose_frame(box))

@@ -19,6 +19,8 @@ DEFAULT_REACH = 1.5
 
 Vector = tuple[float, float, float]
 
+_GAUSS = np.polynomial.legendre.leggauss(8)  # nodes and weights on -1 .. 1
+
 
 def vector(values: Iterable[float]) -> Vector:
     """Three numbers as a Vector; ValueError for more or fewer."""
@@ -109,8 +111,7 @@ class Shape:
     @property
     def covered_volume(self) -> float:
         """Sum of w over all voxels, in voxels: the mean of the volumes within -1/2 .. +1/2 of the surface."""
-        offsets, weights = np.polynomial.legendre.leggauss(8)
-        return float(sum(0.5 * w * self._volume_within(0.5 * t) for t, w in zip(offsets, weights, strict=True)))
+        return float(sum(0.5 * w * self._volume_within(0.5 * t) for t, w in zip(*_GAUSS, strict=True)))
 
     def _volume_within(self, offset: float) -> float:
         """Volume of the points nearer to the surface than ``offset`` or inside it (Steiner's formula)."""

@@ -77,6 +77,7 @@ class Workspace:
         self.grid, self.tool, self.estimate = GridState(), ToolState(), Estimate()
         self.emptied, self.sweep, self.sources, self.rim = Emptied(), Sweep(), Sources(), Rim()
         self.flux = np.zeros((0, 0), np.float32)
+        self.buffer = np.zeros(0, np.float32)
         self.history: Keeper | None = None
         self._fluxes: list[np.ndarray] = []
         self.attach(density)
@@ -109,10 +110,12 @@ class Workspace:
         self.volume, self.surroundings = tool.volume, tool.surroundings
         self.tool.volume, self.tool.surroundings = shape_state(self.volume), shape_state(self.surroundings)
         self._half_box = tuple(ceil(e + 0.5) for e in self.volume.extent)
-        self.buffer = np.zeros(int(np.prod([2 * h + 3 for h in self._half_box])), np.float32)
-        self.emptied.buffer = pointer(self.buffer, c_float)
-        self._occupied = np.empty((self.buffer.size, 3))  # 24 bytes for each voxel of the box
-        self.emptied.occupied = self._occupied.ctypes.data
+        voxels = int(np.prod([2 * h + 3 for h in self._half_box]))
+        if voxels > self.buffer.size:  # a tool whose radius follows a pen does not allocate at every pose
+            self.buffer = np.zeros(voxels, np.float32)
+            self._occupied = np.empty((voxels, 3))  # 24 bytes for each voxel of the box
+            self.emptied.buffer = pointer(self.buffer, c_float)
+            self.emptied.occupied = self._occupied.ctypes.data
         self.emptied.first[:], self.emptied.last[:] = (0, 0, 0), (0, 0, 0)
 
     def lay_box(self, axis: int) -> None:
