@@ -197,7 +197,7 @@ def _empty_numpy(work: Workspace, wanted: float, packed: bool) -> None:
 def _put_back_numpy(work: Workspace, amount: float) -> None:
     emptied, order = work.emptied, ORDERS[work.emptied.axis]
     first, last = emptied.first[:], emptied.last[:]
-    taken = work.emptied_box[tuple(slice(f - o, t - o) for f, t, o in zip(first, last, emptied.low, strict=True))]
+    taken = work.emptied_part
     density = np.transpose(work.density, order)[tuple(slice(f, t) for f, t in zip(first, last, strict=True))]
     offsets = np.ix_(*(np.arange(f, t) - work.tool.centre[a] for f, t, a in zip(first, last, order, strict=True)))
     distance = _permuted(work.volume, order).distance(*offsets)
@@ -281,8 +281,7 @@ def _spread(work: Workspace, has_sources: bool) -> None:
                 if weights[i, j]:
                     grown[at_b + i : at_b + i + b1 - b0, at_c + j : at_c + j + c1 - c0] += weights[i, j] * work.flux
     if has_sources:
-        box = tuple(slice(f - o, t - o) for f, t, o in zip(emptied.first, emptied.last, emptied.low, strict=True))
-        source = work.emptied_box[state.plane - emptied.low[0]][box[1:]]
+        source = work.emptied_part[state.plane - emptied.first[0]]
         grown[
             emptied.first[1] - b_low : emptied.last[1] - b_low, emptied.first[2] - c_low : emptied.last[2] - c_low
         ] += source

@@ -113,8 +113,7 @@ def place(work: Workspace, amount: float) -> float:
 
 def _find_sources_numpy(work: Workspace, direction: np.ndarray) -> None:
     emptied, order, sources = work.emptied, ORDERS[work.emptied.axis], work.sources
-    inside = tuple(slice(f - o, t - o) for f, t, o in zip(emptied.first, emptied.last, emptied.low, strict=True))
-    box = work.emptied_box[inside].transpose(np.argsort(order))
+    box = work.emptied_part.transpose(np.argsort(order))
     index = np.nonzero(box > 0.0)
     mass = box[index].astype(np.float64)
     start = [emptied.first[order.index(a)] for a in range(3)]

@@ -73,13 +73,18 @@ class Shape:
         """Half-edges of the box around the shape, in voxels."""
         return vector(h + abs(a) + self.radius for h, a in zip(self.half_size, self.half_axis, strict=True))
 
-    def distance(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Signed distance in voxels, negative inside, of points relative to the centre (arrays that broadcast)."""
+    def _from_axis(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points as seen from the nearest point of the segment; as they are where there is none."""
         ax, ay, az = self.half_axis
         length2 = ax * ax + ay * ay + az * az
-        if length2 > 0.0:
-            along = np.clip((x * ax + y * ay + z * az) / length2, -1.0, 1.0)
-            x, y, z = x - along * ax, y - along * ay, z - along * az
+        if length2 == 0.0:
+            return x, y, z
+        along = np.clip((x * ax + y * ay + z * az) / length2, -1.0, 1.0)
+        return x - along * ax, y - along * ay, z - along * az
+
+    def distance(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Signed distance in voxels, negative inside, of points relative to the centre (arrays that broadcast)."""
+        x, y, z = self._from_axis(x, y, z)
         if max(self.half_size) > 0.0:
             x, y, z = (np.abs(v) - h for v, h in zip((x, y, z), self.half_size, strict=True))
             inside = np.minimum(np.maximum(np.maximum(x, y), z), 0.0)
@@ -93,11 +98,7 @@ class Shape:
 
     def normal(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Outward unit normal of the nearest surface, the gradient of the distance: shape (3, ...), 0 at the core."""
-        ax, ay, az = self.half_axis
-        length2 = ax * ax + ay * ay + az * az
-        if length2 > 0.0:
-            along = np.clip((x * ax + y * ay + z * az) / length2, -1.0, 1.0)
-            x, y, z = x - along * ax, y - along * ay, z - along * az
+        x, y, z = self._from_axis(x, y, z)
         vector = np.stack(np.broadcast_arrays(x, y, z)).astype(np.float64)
         if max(self.half_size) > 0.0:
             excess = np.abs(vector) - np.reshape(self.half_size, (3,) + (1,) * (vector.ndim - 1))

@@ -5,10 +5,10 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..core.formats import write_volume
-from .volumes import active_volume, density_of, place_in_world
+from .volumes import OnActiveVolume, active_volume, density_of, place_in_world
 
 
-class REPOUSSE_OT_export_vdb(bpy.types.Operator, ExportHelper):
+class REPOUSSE_OT_export_vdb(OnActiveVolume, bpy.types.Operator, ExportHelper):
     bl_idname = "repousse.export_vdb"
     bl_label = "Export VDB"
     bl_description = "Write the active volume to a .vdb file"
@@ -22,13 +22,6 @@ class REPOUSSE_OT_export_vdb(bpy.types.Operator, ExportHelper):
     half: bpy.props.BoolProperty(
         name="Half Precision", description="Half the file's size: 11 bits of density in place of 24", default=False
     )
-
-    @classmethod
-    def poll(cls, context):
-        if active_volume(context) is None:
-            cls.poll_message_set("Select a volume")
-            return False
-        return True
 
     def execute(self, context):
         active = active_volume(context)

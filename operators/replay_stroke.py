@@ -5,10 +5,10 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from ..core import Stroke
-from .volumes import active_volume, density_of, show
+from .volumes import OnActiveVolume, active_volume, density_of, show
 
 
-class REPOUSSE_OT_replay_stroke(bpy.types.Operator, ImportHelper):
+class REPOUSSE_OT_replay_stroke(OnActiveVolume, bpy.types.Operator, ImportHelper):
     bl_idname = "repousse.replay_stroke"
     bl_label = "Replay Stroke"
     bl_description = "Push a recorded stroke through the active volume. Its poses are in voxels of that volume"
@@ -16,13 +16,6 @@ class REPOUSSE_OT_replay_stroke(bpy.types.Operator, ImportHelper):
 
     filename_ext = ".jsonl"
     filter_glob: bpy.props.StringProperty(default="*.jsonl", options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context):
-        if active_volume(context) is None:
-            cls.poll_message_set("Select a volume")
-            return False
-        return True
 
     def execute(self, context):
         volume, windows = active_volume(context).data, context.window_manager

@@ -53,6 +53,17 @@ def active_volume(context: bpy.types.Context) -> bpy.types.Object | None:
     return active if active is not None and active.type == "VOLUME" else None
 
 
+class OnActiveVolume:
+    """What the operators have in common that work on the active volume."""
+
+    @classmethod
+    def poll(cls, context):
+        if active_volume(context) is None:
+            cls.poll_message_set("Select a volume")
+            return False
+        return True
+
+
 def add_volume(
     context: bpy.types.Context, grid: DensityGrid, name: str, matrix: Matrix | None = None
 ) -> bpy.types.Object:

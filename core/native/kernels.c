@@ -304,6 +304,13 @@ static void box_of(const Shape *s, const double centre[3], const int64_t shape[3
     }
 }
 
+// The place of a voxel from its flat index.
+static void voxel_at(const Grid *g, int64_t index, int64_t at[3]) {
+    at[2] = index % g->shape[2];
+    at[1] = index / g->shape[2] % g->shape[1];
+    at[0] = index / g->shape[2] / g->shape[1];
+}
+
 // Before-images of bricks (core/history.py), and boxes around what was written.
 
 static void keep_brick(Grid *g, int64_t bi, int64_t bj, int64_t bk) {
@@ -556,18 +563,17 @@ EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed
         const double w = o->covered, former = (double)*d;
         const float taken = (float)((o->shell > cut.last ? 1.0 : cut.part) * available(*d, w, packed));
         if (taken <= 0.0f) continue;
-        const int64_t k = o->index % g->shape[2], j = o->index / g->shape[2] % g->shape[1],
-                      i = o->index / g->shape[2] / g->shape[1];
-        const int64_t at[3] = {i, j, k};
-        keep_box(g, i, i + 1, j, j + 1, k, k + 1);
+        int64_t at[3];
+        voxel_at(g, o->index, at);
+        keep_box(g, at[0], at[0] + 1, at[1], at[1] + 1, at[2], at[2] + 1);
         *d = (float)(former - (double)taken);
         e->carry += former - (double)*d - (double)taken;
         e->mass += (double)taken;
         e->tool_loss += w * (double)taken;
         // A voxel wholly in the tool is wholly in the tool and its reach together.
         const double around = w >= 1.0 ? 1.0
-                                       : coverage(&t->surroundings, (double)i - t->centre[0], (double)j - t->centre[1],
-                                                  (double)k - t->centre[2]);
+                                       : coverage(&t->surroundings, (double)at[0] - t->centre[0],
+                                                  (double)at[1] - t->centre[1], (double)at[2] - t->centre[2]);
         e->reach_loss += (around - w) * (double)taken;
         float *record = emptied_at(e, at[f.axis[0]], at[f.axis[1]], at[f.axis[2]]);
         *record = taken;
@@ -1093,7 +1099,7 @@ typedef struct { // positions relative to their mean
 } Points;
 
 static Points points_of(const Sources *s) {
-    Points p = {.padded = (s->count + LANES - 1) / LANES * LANES};
+    Points p = {.padded = whole_lanes(s->count)};
     double total = 0.0;
     for (int i = 0; i < 3; i++) {
         p.low[i] = INFINITY;
@@ -1341,12 +1347,6 @@ static double raise_voxel(Grid *g, const Tool *t, Rim *r, int64_t i, int64_t j, 
     return gained;
 }
 
-static void voxel_at(const Grid *g, int64_t index, int64_t at[3]) {
-    at[2] = index % g->shape[2];
-    at[1] = index / g->shape[2] % g->shape[1];
-    at[0] = index / g->shape[2] / g->shape[1];
-}
-
 // What voxels of the list could not hold goes in equal shares to their neighbours with room. Returns what is left.
 static double spill_over(Grid *g, const Tool *t, Rim *r) {
     double left = 0.0;
@@ -1442,16 +1442,17 @@ static void pass_on(Grid *g, const Tool *t, Estimate *m, Recursion *r, int64_t i
 EXPORT void repousse_recursive(Grid *g, const Tool *t, Estimate *m, Recursion *r) {
     for (int64_t q = 0; q < r->count && r->calls <= r->budget; q++) {
         if (!(m->tool_mass > r->kappa * m->reach_mass * (1.0 + r->relaxed))) break;
-        const int64_t at = r->voxels[q], k = at % g->shape[2], j = at / g->shape[2] % g->shape[1],
-                      i = at / g->shape[2] / g->shape[1];
-        const double w =
-            coverage(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
-        const double former = (double)g->density[at];
-        g->density[at] = (float)(former - w * former);
-        const double taken = former - (double)g->density[at];
-        account(t, m, i, j, k, -taken);
+        float *d = g->density + r->voxels[q];
+        int64_t at[3];
+        voxel_at(g, r->voxels[q], at);
+        const double w = coverage(&t->volume, (double)at[0] - t->centre[0], (double)at[1] - t->centre[1],
+                                  (double)at[2] - t->centre[2]);
+        const double former = (double)*d;
+        *d = (float)(former - w * former);
+        const double taken = former - (double)*d;
+        account(t, m, at[0], at[1], at[2], -taken);
         r->emptied += taken;
-        pass_on(g, t, m, r, i, j, k, taken);
+        pass_on(g, t, m, r, at[0], at[1], at[2], taken);
     }
 }
 

@@ -68,8 +68,8 @@ def box_from(dirty: Sequence[int]) -> Box | None:
 class Workspace:
     """One grid, one tool, and all scratch of a push; allocated once, so that a step allocates nothing.
 
-    Attributes are the structures above: ``grid``, ``tool``, ``estimate``, ``emptied``, ``sweep``, ``sources``, ``rim``;
-    ``density`` and ``buffer`` are the arrays behind them, and ``flux`` is the numpy twin's flux of the running sweep.
+    Attributes are the structures of kernels.c (``grid``, ``tool``, ``estimate``, ``emptied``, ``sweep``, ``sources``,
+    ``rim``); ``density`` and ``buffer``, the arrays behind them; and ``flux``, the numpy twin's in the running sweep.
     """
 
     def __init__(self, density: np.ndarray) -> None:
@@ -129,6 +129,12 @@ class Workspace:
     def emptied_box(self) -> np.ndarray:
         """The box of `emptied` as an array in (a, b, c) order, a view."""
         return self.buffer[: int(np.prod(self.emptied.n[:]))].reshape(self.emptied.n[:])
+
+    @property
+    def emptied_part(self) -> np.ndarray:
+        """The part of that box in which anything was emptied, a view."""
+        first, last, low = self.emptied.first, self.emptied.last, self.emptied.low
+        return self.emptied_box[tuple(slice(f - o, t - o) for f, t, o in zip(first, last, low, strict=True))]
 
     def reserve_rim(self, capacity: int) -> None:
         """Make the rim's list hold ``capacity`` voxels."""
