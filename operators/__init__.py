@@ -5,6 +5,7 @@ from importlib import import_module
 
 _MODULES = (
     "volumes",  # what the verbs share comes first
+    "settings",
     "import_volume",
     "new_clay_block",
     "mesh_to_clay",

@@ -3,7 +3,7 @@
 
 from importlib import import_module
 
-_MODULES = ("settings", "panel")
+_MODULES = ("panel",)
 
 
 def register():
