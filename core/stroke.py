@@ -113,43 +113,47 @@ class Stroke:
         """The same stroke, told which grid it begins on."""
         return dataclasses.replace(self, voxel_size=grid.voxel_size, grid_hash=hash_of(grid))
 
-    def save(self, path: str | os.PathLike) -> None:
-        """Write the file, whole or not at all."""
+    def to_text(self) -> str:
+        """What the stroke's file holds."""
         tool = {"kind": self.tool.kind, **vars(self.tool)}
         header = {"repousse_stroke": SCHEMA, "tool": tool, "material": vars(self.material)}
         header |= {name: getattr(self, name) for name in _HEADER}
         lines = [json.dumps(header)] + [json.dumps(dataclasses.asdict(s)) for s in self.samples]
+        return "\n".join(lines) + "\n"
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the file, whole or not at all."""
         path = Path(path)
         unfinished = path.with_name(path.name + f".{os.getpid()}.part")
         try:
-            unfinished.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            unfinished.write_text(self.to_text(), encoding="utf-8")
             os.replace(unfinished, path)
         finally:
             unfinished.unlink(missing_ok=True)
 
     @classmethod
-    def load(cls, path: str | os.PathLike) -> Stroke:
-        """Read a file.
+    def from_lines(cls, lines: Iterable[str], name: str) -> Stroke:
+        """Read the lines of a file; ``name`` is what an error calls it.
 
-        Raises
-        ------
-        ValueError
-            One line that names the file, the line and what is wrong.
-        OSError
-            When the file cannot be read.
+        Raises ValueError with one line that names the file, the line and what is wrong.
         """
-        number = 0
+        number, rest = 0, iter(lines)
         try:
-            with open(path, encoding="utf-8") as lines:
-                stroke = _stroke_from(_record(lines.readline()))
-                for number, line in enumerate(lines, start=1):
-                    if number > MOST_SAMPLES:
-                        raise ValueError(f"more than {MOST_SAMPLES} poses")
-                    stroke.samples.append(_sample_from(_record(line)))
+            stroke = _stroke_from(_record(next(rest, "")))
+            for number, line in enumerate(rest, start=1):
+                if number > MOST_SAMPLES:
+                    raise ValueError(f"more than {MOST_SAMPLES} poses")
+                stroke.samples.append(_sample_from(_record(line)))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             reason = f"there is no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
-            raise ValueError(f"{path}, line {number + 1}: {reason}") from error
+            raise ValueError(f"{name}, line {number + 1}: {reason}") from error
         return stroke
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> Stroke:
+        """Read a file. Raises ValueError as :meth:`from_lines`, and OSError when the file cannot be read."""
+        with open(path, encoding="utf-8") as lines:
+            return cls.from_lines(lines, str(path))
 
 
 _HEADER = ("method", "border", "band", "rim", "wake", "verb", "symmetry", "continuous", "voxel_size", "grid_hash")
