@@ -18,6 +18,7 @@ from mathutils import Matrix
 
 from ..core import PRESETS, DensityGrid
 from ..core.formats import list_grids, read_volume, write_volume
+from ..core.histogram import BINS, histogram
 
 OPACITY = 0.5
 """Optical depth of a full voxel in the material that a new volume gets: solid within a few voxels."""
@@ -35,6 +36,9 @@ class RepousseVolume(bpy.types.PropertyGroup):
     shape: bpy.props.IntVectorProperty(name="Voxels", description="Voxels along each axis")
     voxel_size: bpy.props.FloatProperty(name="Voxel Size", description="Edge of a voxel, in metres", unit="LENGTH")
     mass: bpy.props.FloatProperty(name="Mass", description="Sum of the density of all voxels, in full voxels' worth")
+    histogram: bpy.props.FloatVectorProperty(
+        name="Histogram", description="Voxels by density, from just above 0 to 1, in equal steps", size=BINS
+    )
 
 
 def register():
@@ -90,6 +94,7 @@ def show(volume: bpy.types.Volume, grid: DensityGrid) -> None:
     volume.filepath = str(path)
     told = volume.repousse
     told.shape, told.voxel_size, told.mass = grid.shape, grid.voxel_size, grid.mass
+    told.histogram = histogram(grid.density)
 
 
 def density_of(volume: bpy.types.Volume) -> DensityGrid:
