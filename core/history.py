@@ -9,57 +9,122 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from ctypes import c_float, c_int64, c_uint8
+from threading import Lock
 
 import numpy as np
 
-from .grid import BRICK, DensityGrid
+from .grid import BRICK, Box, DensityGrid
 from .native.state import Workspace, pointer
 
 
+class _Bricks:
+    """The bricks of one array, and the images of those that were kept.
+
+    When the grid grows it lives in another array, which gets its own; who still reads the former finds it as it was.
+    """
+
+    def __init__(self, density: np.ndarray, begin: np.ndarray, former: _Bricks | None = None) -> None:
+        self.density = density
+        self.begin = begin  # of the grid as it was when the history began, in this array
+        self.layout = tuple(-(-n // BRICK) for n in density.shape)
+        total = int(np.prod(self.layout))
+        self.images = np.empty((total, BRICK, BRICK, BRICK), np.float32)
+        self.bricks = np.empty(total, np.int64)
+        self.kept = np.zeros(total, np.uint8)
+        self.count = np.zeros(1, np.int64)
+        self._numbers = np.zeros(total, np.int32)  # of each brick's image, from 1; 0 as long as nobody asked
+        self._numbered = 0
+        self._asking = Lock()
+        if former is not None:
+            n, moved = int(former.count[0]), former.places() + (begin - former.begin) // BRICK
+            self.images[:n] = former.images[:n]
+            self.bricks[:n] = np.ravel_multi_index(tuple(moved.T), self.layout)
+            self.kept[self.bricks[:n]] = 1
+            self.count[0] = n
+
+    def places(self) -> np.ndarray:
+        """Where the kept bricks are in this array, counted in bricks: shape (n, 3)."""
+        return np.stack(np.unravel_index(self.bricks[: self.count[0]], self.layout), axis=1)
+
+    def numbers(self, bricks: np.ndarray) -> np.ndarray:
+        """The image of each of these bricks (flat indices), or -1 where none is kept yet."""
+        with self._asking:
+            count = int(self.count[0])
+            self._numbers[self.bricks[self._numbered : count]] = np.arange(self._numbered + 1, count + 1)
+            self._numbered = count
+        return self._numbers[bricks] - 1
+
+
 class History:
-    """What a grid was when this was made, for as long as every change goes through the workspace it is attached to."""
+    """What a grid was when this was made, for as long as every change goes through the workspaces it is attached to."""
 
     def __init__(self, grid: DensityGrid, carry: float = 0.0) -> None:
         self.carry = carry  # what rounding owed when this began: a push that is restored goes on as it would have
-        self._density = grid.density
         self._shape, self._transform = grid.shape, grid.transform.copy()
-        self._offset = np.zeros(3, np.int64)
-        self._images = np.empty((0, BRICK, BRICK, BRICK), np.float32)
-        self._bricks = np.empty(0, np.int64)
-        self._count = np.zeros(1, np.int64)
-        self._lay_out(np.empty((0, 3), np.int64))
-
-    def _lay_out(self, places: np.ndarray) -> None:
-        """Make tables for the present array; ``places`` (n, 3) are where the bricks kept so far now are."""
-        self._layout = tuple(-(-n // BRICK) for n in self._density.shape)
-        total = int(np.prod(self._layout))
-        images, bricks = np.empty((total, BRICK, BRICK, BRICK), np.float32), np.empty(total, np.int64)
-        kept = np.zeros(total, np.uint8)
-        images[: len(places)] = self._images[: len(places)]
-        bricks[: len(places)] = np.ravel_multi_index(tuple(places.T), self._layout)
-        kept[bricks[: len(places)]] = 1
-        self._images, self._bricks, self._kept = images, bricks, kept
+        self._now = _Bricks(grid.density, np.zeros(3, np.int64))
 
     @property
     def bricks(self) -> int:
         """How many bricks have been kept."""
-        return int(self._count[0])
+        return int(self._now.count[0])
 
     @property
     def nbytes(self) -> int:
         """Memory that the kept bricks take."""
         return self.bricks * BRICK**3 * 4
 
+    @property
+    def touched(self) -> Box | None:
+        """A box around all bricks that have been kept, in the frame and within the bounds of the grid as it was."""
+        low = self._now.places() * BRICK - self._now.begin
+        low = low[((low + BRICK > 0) & (low < self._shape)).all(axis=1)]
+        if not len(low):
+            return None
+        (i0, j0, k0), (i1, j1, k1) = np.maximum(low.min(axis=0), 0), np.minimum(low.max(axis=0) + BRICK, self._shape)
+        return (int(i0), int(j0), int(k0)), (int(i1), int(j1), int(k1))
+
+    def original(self, indices: np.ndarray) -> np.ndarray:
+        """Densities as they were when this began, at whole voxels of that time: (n, 3) integers -> (n,) float32.
+
+        Outside the grid of that time it is 0. Any thread may ask while another pushes and grows the grid: a density is
+        read first, and only then is it asked whether its brick has been kept. If not, nobody had written it yet.
+        """
+        now = self._now  # once: a growth meanwhile puts another in its place, and leaves this one as it is
+        at = np.array(np.asarray(indices, dtype=np.int64).T, order="C")
+        nx, ny, nz = self._shape
+        x, y, z = at
+        inside = (x >= 0) & (x < nx) & (y >= 0) & (y < ny) & (z >= 0) & (z < nz)
+        if inside.all():
+            return self._original_inside(now, at)
+        values = np.zeros(len(inside), np.float32)
+        values[inside] = self._original_inside(now, at[:, inside])
+        return values
+
+    @staticmethod
+    def _original_inside(now: _Bricks, at: np.ndarray) -> np.ndarray:
+        at += now.begin[:, None]
+        x, y, z = at
+        _, ny, nz = now.density.shape
+        values = now.density.reshape(-1)[(x * ny + y) * nz + z]
+        i, j, k = at // BRICK
+        _, nj, nk = now.layout
+        number = now.numbers((i * nj + j) * nk + k)
+        kept = np.nonzero(number >= 0)[0]
+        if len(kept):
+            x, y, z = at[:, kept] % BRICK
+            values[kept] = now.images[number[kept], x, y, z]
+        return values
+
     def origin_in(self, origin: tuple[int, int, int]) -> tuple[int, int, int]:
         """Where the first voxel lay when this began, in the frame in which it now lies at ``origin``."""
-        x, y, z = (int(o + b) for o, b in zip(origin, self._offset, strict=True))
+        x, y, z = (int(o + b) for o, b in zip(origin, self._now.begin, strict=True))
         return x, y, z
 
     def attach(self, work: Workspace) -> None:
         """From now on the kernels keep bricks here."""
-        work.history = self
-        work.grid.kept, work.grid.images = pointer(self._kept, c_uint8), pointer(self._images, c_float)
-        work.grid.bricks, work.grid.kept_count = pointer(self._bricks, c_int64), pointer(self._count, c_int64)
+        now, work.history = self._now, self
+        work.grid.kept, work.grid.images = pointer(now.kept, c_uint8), pointer(now.images, c_float)
+        work.grid.bricks, work.grid.kept_count = pointer(now.bricks, c_int64), pointer(now.count, c_int64)
 
     def detach(self, work: Workspace) -> None:
         """The kernels keep no more bricks."""
@@ -68,29 +133,33 @@ class History:
 
     def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
         """Copy the bricks of the half-open box [low, high) that are not kept yet (the numpy kernels' door)."""
+        now = self._now
         first, last = np.array(low) // BRICK, (np.array(high) - 1) // BRICK + 1
         block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-        for offset in np.argwhere(self._kept.reshape(self._layout)[block] == 0):
-            place = first + offset
-            brick = np.ravel_multi_index(tuple(place), self._layout)
-            image = self._density[tuple(slice(p * BRICK, (p + 1) * BRICK) for p in place)]
-            self._images[self.bricks][tuple(slice(0, n) for n in image.shape)] = image
-            self._bricks[self.bricks] = brick
-            self._kept[brick] = 1
-            self._count[0] += 1
+        for offset in np.argwhere(now.kept.reshape(now.layout)[block] == 0):
+            place, number = first + offset, self.bricks
+            brick = np.ravel_multi_index(tuple(place), now.layout)
+            image = now.density[tuple(slice(p * BRICK, (p + 1) * BRICK) for p in place)]
+            now.images[number][tuple(slice(0, n) for n in image.shape)] = image
+            now.bricks[number] = brick
+            now.kept[brick] = 1
+            now.count[0] = number + 1  # last: who asks meanwhile finds it whole, or not at all
 
     def grew(self, density: np.ndarray, below: tuple[int, int, int]) -> None:
-        """The grid now lives in ``density``, with ``below`` voxels (whole bricks) before its former first ones."""
-        places = np.stack(np.unravel_index(self._bricks[: self.bricks], self._layout), axis=1)
-        self._density = density
-        self._offset += below
-        self._lay_out(places + np.array(below) // BRICK)
+        """The grid now lives in ``density``, with ``below`` voxels (whole bricks) before its former first ones.
+
+        Every push of a grid says so when it notices; a growth counts once.
+        """
+        if density is self._now.density:
+            return
+        self._now = _Bricks(density, self._now.begin + below, self._now)
 
     def restore(self, grid: DensityGrid) -> None:
         """Make ``grid`` what it was when this history began: density, shape and transform, bit for bit."""
-        begin, end = self._offset, self._offset + self._shape
-        for image, brick in zip(self._images[: self.bricks], self._bricks, strict=False):
-            low = np.array(np.unravel_index(brick, self._layout)) * BRICK
+        now = self._now
+        begin, end = now.begin, now.begin + self._shape
+        for image, place in zip(now.images, now.places(), strict=False):
+            low = place * BRICK
             a, b = np.maximum(low, begin), np.minimum(low + BRICK, end)
             if (a < b).all():
                 inside = tuple(slice(p - q, r - q) for p, q, r in zip(a, low, b, strict=True))

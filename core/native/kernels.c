@@ -319,12 +319,17 @@ static void keep_brick(Grid *g, int64_t bi, int64_t bj, int64_t bk) {
     if (g->kept[brick]) return;
     g->kept[brick] = 1;
     float *image = g->images + *g->kept_count * (BRICK * BRICK * BRICK);
-    g->bricks[(*g->kept_count)++] = brick;
     const int64_t n = least(BRICK, g->shape[2] - bk * BRICK);
     for (int64_t i = bi * BRICK; i < least((bi + 1) * BRICK, g->shape[0]); i++)
         for (int64_t j = bj * BRICK; j < least((bj + 1) * BRICK, g->shape[1]); j++)
             memcpy(image + ((i - bi * BRICK) * BRICK + (j - bj * BRICK)) * BRICK,
                    g->density + (i * g->shape[1] + j) * g->shape[2] + bk * BRICK, (size_t)n * sizeof(float));
+    g->bricks[*g->kept_count] = brick;
+    // Another thread may ask what was here (History.original): the image is whole before it is counted, and counted
+    // before the brick is written.
+    __atomic_thread_fence(__ATOMIC_RELEASE);
+    __atomic_store_n(g->kept_count, *g->kept_count + 1, __ATOMIC_RELAXED);
+    __atomic_thread_fence(__ATOMIC_RELEASE);
 }
 
 // Before any voxel of the box is written for the first time in a stroke, its bricks are copied.

@@ -65,28 +65,48 @@ def box_from(dirty: Sequence[int]) -> Box | None:
     return ((i0, j0, k0), (i1, j1, k1)) if i0 < i1 else None
 
 
-class Workspace:
-    """One grid, one tool, and all scratch of a push; allocated once, so that a step allocates nothing.
+class Probe:
+    """One grid and one tool, as far as `estimate` reads them: what feels without changing anything.
 
-    Attributes are the structures of kernels.c (``grid``, ``tool``, ``estimate``, ``emptied``, ``sweep``, ``sources``,
-    ``rim``); ``density`` and ``buffer``, the arrays behind them; and ``flux``, the numpy twin's in the running sweep.
+    ``grid``, ``tool`` and ``estimate`` are structures of kernels.c, ``density`` is the array behind them. A thread that
+    estimates while another pushes has a probe of its own.
     """
 
     def __init__(self, density: np.ndarray) -> None:
         self.library = library()
         self.grid, self.tool, self.estimate = GridState(), ToolState(), Estimate()
+        self.attach(density)
+
+    def attach(self, density: np.ndarray) -> None:
+        """Work on this array from now on."""
+        self.density = density
+        self.grid.density = pointer(density, c_float)
+        self.grid.shape[:] = density.shape
+
+    def take_up(self, tool: Tool) -> None:
+        """Work with this tool from now on."""
+        self.volume, self.surroundings = tool.volume, tool.surroundings
+        self.tool.volume, self.tool.surroundings = shape_state(self.volume), shape_state(self.surroundings)
+
+
+class Workspace(Probe):
+    """One grid, one tool, and all scratch of a push; allocated once, so that a step allocates nothing.
+
+    Attributes beside a probe's are the structures of kernels.c (``emptied``, ``sweep``, ``sources``, ``rim``);
+    ``buffer``, the array behind what is emptied; and ``flux``, the numpy twin's in the running sweep.
+    """
+
+    def __init__(self, density: np.ndarray) -> None:
         self.emptied, self.sweep, self.sources, self.rim = Emptied(), Sweep(), Sources(), Rim()
         self.flux = np.zeros((0, 0), np.float32)
         self.buffer = np.zeros(0, np.float32)
         self.history: Keeper | None = None
         self._fluxes: list[np.ndarray] = []
-        self.attach(density)
+        super().__init__(density)
 
     def attach(self, density: np.ndarray, sweeping: bool = False) -> None:
         """Work on this array from now on; the flux of a sweep that is under way is carried over."""
-        self.density = density
-        self.grid.density = pointer(density, c_float)
-        self.grid.shape[:] = density.shape
+        super().attach(density)
         nx, ny, nz = density.shape
         former = [f for f in self._fluxes if sweeping and f.ctypes.data == ctypes.addressof(self.sweep.flux.contents)]
         cells = (max(nx, ny) + 8) * (max(ny, nz) + 32)  # the largest window, its frame, and whole lanes
@@ -107,8 +127,7 @@ class Workspace:
 
     def take_up(self, tool: Tool) -> None:
         """Work with this tool from now on."""
-        self.volume, self.surroundings = tool.volume, tool.surroundings
-        self.tool.volume, self.tool.surroundings = shape_state(self.volume), shape_state(self.surroundings)
+        super().take_up(tool)
         self._half_box = tuple(ceil(e + 0.5) for e in self.volume.extent)
         voxels = int(np.prod([2 * h + 3 for h in self._half_box]))
         if voxels > self.buffer.size:  # a tool whose radius follows a pen does not allocate at every pose
