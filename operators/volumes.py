@@ -6,11 +6,7 @@ Blender caches a volume by its path for as long as it runs, so each revision is 
 
 from __future__ import annotations
 
-import functools
-import re
-import tempfile
 from pathlib import Path
-from uuid import uuid4
 
 import bpy
 import numpy as np
@@ -19,6 +15,7 @@ from mathutils import Matrix
 from ..core import PRESETS, DensityGrid
 from ..core.formats import list_grids, read_volume, write_volume
 from ..core.histogram import BINS, histogram
+from . import revisions
 
 OPACITY = 0.5
 """Optical depth of a full voxel in the material that a new volume gets: solid within a few voxels."""
@@ -38,6 +35,15 @@ class RepousseVolume(bpy.types.PropertyGroup):
     mass: bpy.props.FloatProperty(name="Mass", description="Sum of the density of all voxels, in full voxels' worth")
     histogram: bpy.props.FloatVectorProperty(
         name="Histogram", description="Voxels by density, from just above 0 to 1, in equal steps", size=BINS
+    )
+    level: bpy.props.FloatProperty(
+        name="Visible Level",
+        description="Density, from 0 to 1, at which the surface is seen and touched",
+        default=0.5,
+        min=0.001,
+        max=0.999,
+        precision=3,
+        subtype="FACTOR",
     )
 
 
@@ -88,12 +94,16 @@ def add_volume(
 
 def show(volume: bpy.types.Volume, grid: DensityGrid) -> None:
     """Write ``grid`` to a file of its own and let ``volume`` show that."""
-    stem = re.sub(r"[^\w-]+", "_", volume.name)
-    path = _session_folder() / f"{stem}-{uuid4().hex[:12]}.vdb"
+    path = revisions.new_path(volume)
     write_volume(grid, path)
     volume.filepath = str(path)
+    note(volume, grid, grid.mass)
+
+
+def note(volume: bpy.types.Volume, grid: DensityGrid, mass: float) -> None:
+    """Keep what the panel shows of a volume; ``mass`` in voxels' worth."""
     told = volume.repousse
-    told.shape, told.voxel_size, told.mass = grid.shape, grid.voxel_size, grid.mass
+    told.shape, told.voxel_size, told.mass = grid.shape, grid.voxel_size, mass
     told.histogram = histogram(grid.density)
 
 
@@ -127,17 +137,6 @@ def place_in_world(grid: DensityGrid, matrix: Matrix) -> DensityGrid:
         )
     except ValueError as error:
         raise ValueError(f"the object's scale is not the same along its axes: {error}") from error
-
-
-@functools.cache
-def _session_folder() -> Path:
-    """Where this process keeps its volumes, until Blender's user removes them: a file may be saved that shows them."""
-    root = __package__.rpartition(".")[0]
-    try:
-        folder = bpy.utils.extension_path_user(root, path="volumes", create=True)
-    except ValueError:  # not run as an extension
-        folder = bpy.utils.user_resource("DATAFILES", path="repousse", create=True) or bpy.app.tempdir
-    return Path(tempfile.mkdtemp(dir=folder))
 
 
 def _material(name: str, grid: DensityGrid) -> bpy.types.Material:
