@@ -10,6 +10,7 @@ _MODULES = (
     "new_clay_block",
     "mesh_to_clay",
     "replay_stroke",
+    "strokes",
     "export_vdb",
     "command",
 )

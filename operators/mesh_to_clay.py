@@ -7,15 +7,23 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core import PRESETS, DensityGrid
+from ..core import DensityGrid
 from ..core.formats import MAX_VOXELS
-from .volumes import MATERIAL_ITEMS, add_volume
+from .clay_choice import ClayChoice
+from .memory import draw_memory
+from .volumes import add_volume
 
 bpy.utils.expose_bundled_modules()
 import openvdb  # noqa: E402  Blender's own module is found from here on
 
 MARGIN = 2
 """Empty voxels around the mesh: as far as the partly filled voxels of its surface reach, and one more."""
+
+
+def voxels_for(extent: np.ndarray, resolution: int) -> tuple[float, np.ndarray]:
+    """Edge of a voxel in the units of ``extent`` (3,), and the (3,) voxels of the grid around something so large."""
+    voxel = float(np.max(extent)) / (resolution - 2 * MARGIN)
+    return voxel, np.ceil(extent / voxel).astype(int) + 2 * MARGIN
 
 
 def clay_from_mesh(
@@ -47,8 +55,7 @@ def clay_from_mesh(
     longest = float((high - low).max())
     if not (np.isfinite(longest) and longest > 0.0):
         raise ValueError("the mesh has no extent, or points that are not finite")
-    voxel = longest / (resolution - 2 * MARGIN)
-    shape = np.ceil((high - low) / voxel).astype(int) + 2 * MARGIN
+    voxel, shape = voxels_for(high - low, resolution)
     if cube:
         shape[:] = resolution
     if shape.prod(dtype=float) > MAX_VOXELS:
@@ -90,7 +97,7 @@ def triangles_of(
     return points, triangles.reshape(-1, 3), int(np.count_nonzero(np.bincount(edges) == 1))
 
 
-class REPOUSSE_OT_mesh_to_clay(bpy.types.Operator):
+class REPOUSSE_OT_mesh_to_clay(ClayChoice, bpy.types.Operator):
     bl_idname = "repousse.mesh_to_clay"
     bl_label = "Mesh to Clay"
     bl_description = "Fill the active mesh, with its modifiers, with clay. The mesh stays, hidden"
@@ -98,9 +105,6 @@ class REPOUSSE_OT_mesh_to_clay(bpy.types.Operator):
 
     resolution: bpy.props.IntProperty(
         name="Resolution", description="Voxels along the longest side", default=128, min=16, max=800, soft_max=512
-    )
-    material: bpy.props.EnumProperty(
-        name="Material", description="What the clay is; it gives its density", items=MATERIAL_ITEMS
     )
     hide_mesh: bpy.props.BoolProperty(
         name="Hide Mesh", description="Hide the mesh in the viewport and in renders", default=True
@@ -114,6 +118,21 @@ class REPOUSSE_OT_mesh_to_clay(bpy.types.Operator):
             return False
         return True
 
+    def invoke(self, context, _event):
+        self.take_settings(context)
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context):
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "resolution")
+        self.draw_clay(layout)
+        layout.prop(self, "hide_mesh")
+        extent = np.array(context.active_object.dimensions)
+        if extent.any():
+            voxel, shape = voxels_for(extent, self.resolution)
+            draw_memory(layout, context, shape, voxel)
+
     def execute(self, context):
         meshed = context.active_object
         # Location and rotation go to the new object; the scale goes into the voxels, which must stay cubes.
@@ -121,7 +140,7 @@ class REPOUSSE_OT_mesh_to_clay(bpy.types.Operator):
         frame = Matrix.LocRotScale(location, rotation, None)
         try:
             points, triangles, open_edges = triangles_of(meshed, context, frame)
-            grid = clay_from_mesh(points, triangles, self.resolution, PRESETS[self.material].density)
+            grid = clay_from_mesh(points, triangles, self.resolution, self.asked_density)
             grid.metadata |= {"source": meshed.name, "material": self.material}
             add_volume(context, grid, f"{meshed.name} Clay", frame)
         except (ValueError, MemoryError) as error:

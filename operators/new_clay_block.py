@@ -5,11 +5,13 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core import PRESETS, DensityGrid
-from .volumes import MATERIAL_ITEMS, add_volume
+from ..core import DensityGrid
+from .clay_choice import ClayChoice
+from .memory import draw_memory
+from .volumes import add_volume
 
 
-class REPOUSSE_OT_new_clay_block(bpy.types.Operator):
+class REPOUSSE_OT_new_clay_block(ClayChoice, bpy.types.Operator):
     bl_idname = "repousse.new_clay_block"
     bl_label = "New Clay Block"
     bl_description = "Add a cube of clay at the 3D cursor"
@@ -21,11 +23,9 @@ class REPOUSSE_OT_new_clay_block(bpy.types.Operator):
     size: bpy.props.FloatProperty(
         name="Size", description="Length of each edge, in metres", default=2.0, min=1e-4, soft_max=100.0, unit="LENGTH"
     )
-    material: bpy.props.EnumProperty(
-        name="Material", description="What the block is made of; it gives its density", items=MATERIAL_ITEMS
-    )
 
     def invoke(self, context, _event):
+        self.take_settings(context)
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, context):
@@ -33,20 +33,15 @@ class REPOUSSE_OT_new_clay_block(bpy.types.Operator):
         layout.use_property_split = True
         layout.prop(self, "resolution")
         layout.prop(self, "size")
-        layout.prop(self, "material")
-        voxel = bpy.utils.units.to_string(
-            context.scene.unit_settings.system, "LENGTH", self.size / self.resolution, precision=4
-        )
-        text = bpy.app.translations.pgettext_iface("Voxels of {}, {:.0f} MiB of memory")
-        layout.label(text=text.format(voxel, self.resolution**3 * 4 / 2**20), icon="INFO", translate=False)
+        self.draw_clay(layout)
+        draw_memory(layout, context, (self.resolution,) * 3, self.size / self.resolution)
 
     def execute(self, context):
         voxel = self.size / self.resolution
         transform = np.diag([voxel, voxel, voxel, 1.0])
         transform[:3, 3] = 0.5 * (voxel - self.size)  # the block's middle is the object's origin
-        density = PRESETS[self.material].density
         try:
-            full = np.full((self.resolution,) * 3, density, np.float32)
+            full = np.full((self.resolution,) * 3, self.asked_density, np.float32)
             grid = DensityGrid(full, transform, metadata={"material": self.material}, copy=False)
             add_volume(context, grid, "Clay", Matrix.Translation(context.scene.cursor.location))
         except (ValueError, MemoryError) as error:
