@@ -7,6 +7,7 @@ from .material import PRESETS, Material
 from .plasticity import Regime
 from .push import Contact, Push
 from .stroke import Sample, Stroke
+from .symmetry import SymmetricPush
 from .tool import BoxTool, CapsuleTool, SphereTool
 
 __all__ = [
@@ -22,4 +23,5 @@ __all__ = [
     "Sample",
     "SphereTool",
     "Stroke",
+    "SymmetricPush",
 ]

@@ -47,6 +47,8 @@ class DensityGrid:
     notes
         What a reader did to the data on its way in (window, resampling), a sentence each, to be told to the user.
 
+    :attr:`grown` counts the voxels (x, y, z) ever added before the first ones, by which all who hold indices follow.
+
     Raises
     ------
     ValueError
@@ -60,6 +62,7 @@ class DensityGrid:
     metadata: dict[str, str | int | float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     copy: bool = field(default=True, repr=False)
+    grown: tuple[int, int, int] = field(default=(0, 0, 0), init=False, repr=False)
 
     def __post_init__(self) -> None:
         given = np.asarray(self.density)
@@ -106,5 +109,6 @@ class DensityGrid:
         grown = np.zeros([n + lo + hi for n, lo, hi in zip(self.shape, below, above, strict=True)], np.float32)
         grown[below[0] : below[0] + nx, below[1] : below[1] + ny, below[2] : below[2] + nz] = self.density
         self.density = grown
+        self.grown = (self.grown[0] + below[0], self.grown[1] + below[1], self.grown[2] + below[2])
         self.transform = self.transform.copy()
         self.transform[:3, 3] -= self.transform[:3, :3] @ np.array(below, dtype=np.float64)

@@ -19,12 +19,13 @@ from .material import Material, largest_yield_ratio
 from .native.state import BORDERS, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
 from .plasticity import Regime, contact_normal, estimate, felt_force, overloaded, regime_of
 from .recursion import disperse_recursively
-from .tool import Tool, Vector, vector
+from .tool import Tool, Vector, unit, vector
 
 if TYPE_CHECKING:
-    from .stroke import Stroke
+    from .stroke import Sample, Stroke
 
 METHODS = ("sweep", "recursive")
+VERBS = ("push", "pull", "smooth")
 LONGEST_STEP = 0.5
 """Voxels of travel to a solve, at most: thin sheets are not jumped."""
 SAME_DIRECTION = 1e-9
@@ -83,9 +84,16 @@ class Push:
         Radius of the rim's hats in contact radii.
     wake
         Tool radii behind the tool that the rim keeps clear.
+    verb
+        "push"; "pull": material comes out along the direction that a move gives, and what is left is looser by the
+        move's strength; "smooth": density evens out inside the tool.
 
     Poses and dirty boxes stay in the index frame that the grid had when the push was made; :attr:`origin` is where the
-    first voxel of the grid lies in that frame.
+    first voxel of the grid lies in that frame. Several pushes may share a grid: each follows when
+    another makes it grow.
+
+    :attr:`epoch` is odd exactly while mass is in flight, and only ever rises: what was estimated while it was odd, or
+    across a change of it, is worth nothing.
 
     Raises
     ------
@@ -103,24 +111,40 @@ class Push:
         band: float | None = None,
         rim: float = 2.0,
         wake: float = 1.0,
+        verb: str = "push",
     ) -> None:
         if method not in METHODS:
             raise ValueError(f'there is no method "{method}": choose from {", ".join(METHODS)}')
         if border not in BORDERS:
             raise ValueError(f'there is no border "{border}": choose from {", ".join(BORDERS)}')
+        if verb not in VERBS:
+            raise ValueError(f'there is no verb "{verb}": choose from {", ".join(VERBS)}')
         for what, value in (("band", 0.0 if band is None else band), ("rim", rim), ("wake", wake)):
             if not _is_length(value):
                 raise ValueError(f"{what} is a number from 0 up, not {value!r}")
         if not grid.density.any():
             raise ValueError("the grid is empty: no voxel has any density to push")
-        self.grid, self.material = grid, material
+        self.grid, self.material, self.verb = grid, material, verb
         self.method, self.border, self.band, self.rim, self.wake = method, border, band, rim, wake
-        self.origin = (0, 0, 0)
-        self._aimed: tuple[Vector, Tool] | None = None  # what the sweeps are made ready for
+        self.epoch = 0
+        self._frame = self._grown = grid.grown
+        self._strength = 1.0
+        self._aimed: tuple | None = None  # what the sweeps are made ready for
         self._work = Workspace(grid.density)
         self._take_up(tool)
         self._warn_if_unyielding()
         self.lift()
+
+    @property
+    def origin(self) -> tuple[int, int, int]:
+        """Where the grid's first voxel lies in the frame of the poses."""
+        (x, y, z), (i, j, k) = self._frame, self._grown
+        return x - i, y - j, z - k
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The last contact of each tool: of this one."""
+        return (self._contact,)
 
     def _take_up(self, tool: Tool) -> None:
         self.tool = tool
@@ -148,21 +172,36 @@ class Push:
         self._gain = 1.0
         self._contact = Contact(Regime.NONE, 0.0, 0.0, np.zeros(3))
 
-    def move_to(self, position: Iterable[float], radius: float | None = None, continuous: bool = False) -> Contact:
+    def move_to(
+        self,
+        position: Iterable[float],
+        radius: float | None = None,
+        continuous: bool = False,
+        direction: Iterable[float] | None = None,
+        strength: float | None = None,
+    ) -> Contact:
         """Move the tool to ``position`` (x, y, z) in voxels, in solves of at most half a voxel.
 
         ``radius`` is the tool's from here on, its reach in proportion. A jump of more than a tool's diameter lifts the
-        tool, unless ``continuous``.
+        tool, unless ``continuous``. ``direction`` (unit vector) is where material flows; None: along the displacement.
+        ``strength`` (0 to 1, None: 1) is what pulling and smoothing work with.
 
         Raises
         ------
         ValueError
-            When the position or radius is not finite, or the radius under one voxel; the grid is untouched.
+            When position, direction or radius is not finite, the radius under one voxel, the direction not of unit
+            length or the strength outside 0 to 1; the grid is untouched.
         """
         target = _checked(position)
+        given = None if direction is None else unit(direction)
+        strength = 1.0 if strength is None else _checked_strength(strength)
         if radius is not None and radius != self.tool.radius:
             self._take_up(self.tool.scaled(radius))
             self._solved = None
+        if strength != self._strength:
+            self._strength, self._solved = strength, None
+        self._given = given
+        self._notice_growth()
         if self._position is not None and not continuous and dist(target, self._position) > 2.0 * self.tool.radius:
             self.lift()
         self._contact = self._joined([self._solve(step) for step in self._steps_to(target)])
@@ -170,22 +209,48 @@ class Push:
 
     def follow(self, stroke: Stroke) -> list[Contact]:
         """Move through every sample of a Stroke."""
-        return [self.move_to(s.position, s.radius, stroke.continuous) for s in stroke.samples]
+        return [self.walk(sample, stroke.continuous) for sample in stroke.samples]
+
+    def walk(self, sample: Sample, continuous: bool = False) -> Contact:
+        """Move to one sample of a Stroke."""
+        return self.move_to(sample.position, sample.radius, continuous, sample.direction, sample.strength)
 
     def remember(self) -> History:
         """Keep before-images of all that changes from here on."""
-        history = History(self.grid, self._work.emptied.carry)
+        self._notice_growth()
+        history = History(self.grid, self.carry)
         history.attach(self._work)
         return history
 
     def restore(self, history: History) -> None:
         """Make the grid what it was when ``history`` began, bit for bit, and lift the tool."""
-        self.origin = history.origin_in(self.origin)
+        shrunk = history.origin_in((0, 0, 0))
+        x, y, z = self.grid.grown
         history.restore(self.grid)
+        self.grid.grown = (x - shrunk[0], y - shrunk[1], z - shrunk[2])
+        self.forget(history, history.carry)
+
+    def join(self, history: History) -> None:
+        """Keep the before-images of what this push changes with those of another push through the same grid."""
+        self._notice_growth()
+        history.attach(self._work)
+
+    def forget(self, history: History, carry: float) -> None:
+        """Keep no more before-images in ``history``, which has been restored; owe ``carry`` of mass, as then; lift."""
         history.detach(self._work)
-        self._work.emptied.carry = history.carry
-        self._work.attach(self.grid.density)
+        self.carry = carry
+        self._notice_growth()
+        self.epoch += self.epoch % 2
         self.lift()
+
+    @property
+    def carry(self) -> float:
+        """Mass in voxels' worth that rounding to float32 has kept back so far; it travels with the next flux."""
+        return float(self._work.emptied.carry)
+
+    @carry.setter
+    def carry(self, mass: float) -> None:
+        self._work.emptied.carry = mass
 
     @property
     def voxels_visited(self) -> int:
@@ -254,7 +319,10 @@ class Push:
         return self._contact
 
     def _push_direction(self, position: Vector, turned_at: Vector, normal: Vector) -> Vector | None:
-        """u: the displacement since the last dispersion, else the previous u, else into the contact (DESIGN 2)."""
+        """u: the direction given; else the displacement since the last dispersion, the previous u, or into the contact
+        (DESIGN 2)."""
+        if self._given is not None:
+            return self._given
         length = dist(position, turned_at)
         if length >= TURNING_STEP:
             direction = _scaled(position, turned_at, 1.0 / length)
@@ -271,15 +339,15 @@ class Push:
             return self._relax_recursively(direction)
         work, kappa, moved = self._work, self.material.yield_ratio, _Moved()
         masses, axis, packed = work.estimate, dispersion.dominant_axis(direction), self.band is not None
-        if self._aimed != (direction, self.tool):
-            dispersion.aim(work, direction, axis, BORDERS.index(self.border), self.band)
-            self._aimed = (direction, self.tool)
+        self._aim(direction, axis)
         gain = self._gain
         while moved.sweeps < MOST_SWEEPS:
             excess = masses.tool_mass - kappa * masses.reach_mass
             wanted = excess / (1.0 + kappa * gain)
+            self._take_off()
             dispersion.empty(work, axis, wanted, packed)
             if work.emptied.mass <= 0.0:
+                self._land()
                 break
             all_given = packed and work.emptied.tool_loss < GIVEN * wanted  # its voxels' free parts hold the rest
             tool_mass, reach_mass = masses.tool_mass, masses.reach_mass
@@ -288,6 +356,7 @@ class Push:
             moved.mass += work.emptied.mass - returned
             moved.blocked |= returned > BLOCKED * work.emptied.mass
             dispersion.forget_emptied(work)
+            self._land()
             lost = tool_mass - masses.tool_mass
             if all_given or lost <= 1e-6 * tool_mass:
                 break
@@ -296,6 +365,18 @@ class Push:
             if not overloaded(masses.tool_mass, kappa * masses.reach_mass):
                 break
         return moved
+
+    def _aim(self, direction: Vector, axis: int) -> None:
+        aimed = (direction, self.tool, self.border, self.band)
+        if self._aimed != aimed:
+            dispersion.aim(self._work, direction, axis, BORDERS.index(self.border), self.band)
+            self._aimed = aimed
+
+    def _take_off(self) -> None:
+        self.epoch = (self.epoch + 1) | 1
+
+    def _land(self) -> None:
+        self.epoch += 1
 
     def _disperse(self, direction: Vector, axis: int, moved: _Moved) -> float:
         """Sweep what was emptied, raise what the band turns back, return what finds no room; M_t and M_s follow."""
@@ -323,6 +404,7 @@ class Push:
 
     def _relax_recursively(self, direction: Vector) -> _Moved:
         work = self._work
+        self._take_off()
         while True:
             outcome = disperse_recursively(
                 work,
@@ -335,6 +417,7 @@ class Push:
             work.density[:] = outcome.before  # it ran over the border: make the grid larger, and run again
             self._grow((1, 1, 1), (1, 1, 1))
             estimate(work)
+        self._land()
         blocked = outcome.kept > BLOCKED * outcome.emptied
         return _Moved(outcome.emptied - outcome.kept, outcome.mass_out, blocked, 1, self._in_pose_frame(outcome.dirty))
 
@@ -366,13 +449,24 @@ class Push:
         bricks = [BRICK * max(1, n // GROWTH_SHARE) for n in self.grid.shape]
         below = (bricks[0] * bool(below[0]), bricks[1] * bool(below[1]), bricks[2] * bool(below[2]))
         self.grid.grow(below, (bricks[0] * bool(above[0]), bricks[1] * bool(above[1]), bricks[2] * bool(above[2])))
-        x, y, z = self.origin
-        self.origin = (x - below[0], y - below[1], z - below[2])
         work.attach(self.grid.density, sweeping=True)
         work.moved(below)
-        if work.history is not None:
-            work.history.grew(self.grid.density, below)
-            work.history.attach(work)
+        self._follow_grid(below)
+
+    def _notice_growth(self) -> None:
+        """Another push may have given the grid another array since this one last looked."""
+        if self._work.density is self.grid.density:
+            return
+        x, y, z = (now - then for now, then in zip(self.grid.grown, self._grown, strict=True))
+        self._work.attach(self.grid.density)
+        self._solved = None
+        self._follow_grid((x, y, z))
+
+    def _follow_grid(self, below: tuple[int, int, int]) -> None:
+        history, self._grown = self._work.history, self.grid.grown
+        if history is not None:
+            history.grew(self.grid.density, below)
+            history.attach(self._work)
 
     def _in_pose_frame(self, box: Box | None) -> Box | None:
         if box is None:
@@ -414,6 +508,12 @@ def _checked(position: Iterable[float]) -> Vector:
     if not all(isfinite(v) for v in checked):
         raise ValueError(f"a position is three finite numbers of voxels, not {position}")
     return checked
+
+
+def _checked_strength(strength: float) -> float:
+    if not (isinstance(strength, Real) and 0.0 <= float(strength) <= 1.0):
+        raise ValueError(f"a strength is a number from 0 to 1, not {strength!r}")
+    return float(strength)
 
 
 def _between(start: Vector, end: Vector, part: float) -> Vector:

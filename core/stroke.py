@@ -21,7 +21,8 @@ import numpy as np
 from .grid import DensityGrid
 from .material import Material
 from .push import LONGEST_STEP, Push
-from .tool import BoxTool, CapsuleTool, SphereTool, Tool, vector
+from .symmetry import SymmetricPush
+from .tool import BoxTool, CapsuleTool, SphereTool, Tool, Vector, unit, vector
 
 SCHEMA = 1
 PACE = 100.0
@@ -36,7 +37,8 @@ _TOOLS = {tool.kind: tool for tool in (SphereTool, BoxTool, CapsuleTool)}
 class Sample:
     """One pose: seconds since the stroke began, voxels, a unit quaternion (w, x, y, z), and how it was solved.
 
-    ``radius`` is the tool's in voxels; None leaves it as it is.
+    ``radius`` is the tool's in voxels; None leaves it as it is. ``direction`` is the unit vector along which material
+    flows, None the displacement; ``strength``, from 0 to 1, is what pulling and smoothing work with, None is 1.
     """
 
     time: float
@@ -44,6 +46,8 @@ class Sample:
     rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     radius: float | None = None
     quality: str = "exact"
+    direction: Vector | None = None
+    strength: float | None = None
 
 
 @dataclass
@@ -51,7 +55,8 @@ class Stroke:
     """A recorded or drawn path, with the tool and material that walked it.
 
     ``voxel_size`` is in world units and ``grid_hash`` that of the grid it began on, both None when it is drawn for any
-    grid. ``continuous``: jumps are moves. The other fields are :class:`Push`'s.
+    grid. ``continuous``: jumps are moves. ``symmetry`` names the axes that are mirrored, such as "xy", at planes which
+    meet in ``mirror`` (voxels). The other fields are :class:`Push`'s.
     """
 
     samples: list[Sample] = field(default_factory=list)
@@ -64,6 +69,7 @@ class Stroke:
     wake: float = 1.0
     verb: str = "push"
     symmetry: str = ""
+    mirror: Vector | None = None
     continuous: bool = False
     voxel_size: float | None = None
     grid_hash: str | None = None
@@ -103,11 +109,27 @@ class Stroke:
         ]
         return dataclasses.replace(self, samples=samples)
 
-    def push(self, grid: DensityGrid) -> Push:
-        """A Push as the header says, on a grid."""
-        if self.verb != "push" or self.symmetry:
-            raise ValueError(f'cannot replay the verb "{self.verb}" with symmetry "{self.symmetry}": only a plain push')
-        return Push(grid, self.tool, self.material, self.method, self.border, self.band, self.rim, self.wake)
+    def push(self, grid: DensityGrid) -> Push | SymmetricPush:
+        """A push as the header says, on a grid."""
+        how = (self.tool, self.material, self.method, self.border, self.band, self.rim, self.wake, self.verb)
+        if not self.symmetry:
+            return Push(grid, *how)
+        if self.mirror is None:
+            raise ValueError(
+                f'a stroke with the symmetry "{self.symmetry}" needs a mirror: the point to mirror at'
+            )
+        return SymmetricPush(grid, *how, axes=self.symmetry, centre=self.mirror)
+
+    def moved_by(self, offset: Iterable[float]) -> Stroke:
+        """The same stroke ``offset`` voxels (x, y, z) away."""
+        i, j, k = vector(offset)
+
+        def there(place: Vector) -> Vector:
+            return place[0] + i, place[1] + j, place[2] + k
+
+        samples = [dataclasses.replace(sample, position=there(sample.position)) for sample in self.samples]
+        mirror = None if self.mirror is None else there(self.mirror)
+        return dataclasses.replace(self, samples=samples, mirror=mirror)
 
     def began_on(self, grid: DensityGrid) -> Stroke:
         """The same stroke, told which grid it begins on."""
@@ -118,7 +140,7 @@ class Stroke:
         tool = {"kind": self.tool.kind, **vars(self.tool)}
         header = {"repousse_stroke": SCHEMA, "tool": tool, "material": vars(self.material)}
         header |= {name: getattr(self, name) for name in _HEADER}
-        lines = [json.dumps(header)] + [json.dumps(dataclasses.asdict(s)) for s in self.samples]
+        lines = [json.dumps(header)] + [json.dumps(_record_of(s)) for s in self.samples]
         return "\n".join(lines) + "\n"
 
     def save(self, path: str | os.PathLike) -> None:
@@ -156,7 +178,11 @@ class Stroke:
             return cls.from_lines(lines, str(path))
 
 
-_HEADER = ("method", "border", "band", "rim", "wake", "verb", "symmetry", "continuous", "voxel_size", "grid_hash")
+_HEADER = (
+    *("method", "border", "band", "rim", "wake", "verb", "symmetry", "mirror", "continuous", "voxel_size", "grid_hash"),
+)
+_ONLY_IF_GIVEN = ("direction", "strength")
+"""Fields of a sample that are written only where they say something."""
 
 
 def hash_of(grid: DensityGrid) -> str:
@@ -171,6 +197,11 @@ def _record(line: str) -> dict:
     if not isinstance(record, dict):
         raise ValueError("not a record in braces")
     return record
+
+
+def _record_of(sample: Sample) -> dict:
+    record = dataclasses.asdict(sample)
+    return {name: value for name, value in record.items() if value is not None or name not in _ONLY_IF_GIVEN}
 
 
 def _numbers(record: dict, name: str, count: int) -> list[float]:
@@ -190,7 +221,12 @@ def _sample_from(record: dict) -> Sample:
         raise ValueError("time is a finite number of seconds")
     w, x, y, z = _numbers(record, "rotation", 4) if "rotation" in record else (1.0, 0.0, 0.0, 0.0)
     position = vector(_numbers(record, "position", 3))
-    return Sample(time, position, (w, x, y, z), radius, str(record.get("quality", "exact")))
+    direction, strength = record.get("direction"), record.get("strength")
+    direction = None if direction is None else unit(direction)
+    strength = None if strength is None else float(strength)
+    if strength is not None and not 0.0 <= strength <= 1.0:
+        raise ValueError(f"the strength is a number from 0 to 1, not {strength:g}")
+    return Sample(time, position, (w, x, y, z), radius, str(record.get("quality", "exact")), direction, strength)
 
 
 def _stroke_from(record: dict) -> Stroke:
@@ -202,4 +238,6 @@ def _stroke_from(record: dict) -> Stroke:
     if kind not in _TOOLS:
         raise ValueError(f'there is no tool "{kind}": choose from {", ".join(_TOOLS)}')
     header = {name: record[name] for name in _HEADER if name in record}
+    if header.get("mirror") is not None:
+        header["mirror"] = vector(_numbers(record, "mirror", 3))
     return Stroke(tool=_TOOLS[kind](**tool), material=Material(**record["material"]), **header)

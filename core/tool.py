@@ -10,12 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import hypot, nan
 from typing import Protocol
 
 import numpy as np
 
 DEFAULT_REACH = 1.5
 """Reach over radius where none is given."""
+
+UNIT_TOLERANCE = 1e-3
+"""How far the length of a direction that is given may be off 1."""
+ROUNDING = 1e-12
+"""How far it may be off 1 and need no division."""
 
 Vector = tuple[float, float, float]
 
@@ -26,6 +32,21 @@ def vector(values: Iterable[float]) -> Vector:
     """Three numbers as a Vector; ValueError for more or fewer."""
     x, y, z = (float(v) for v in values)
     return x, y, z
+
+
+def unit(direction: Iterable[float]) -> Vector:
+    """A direction as a Vector of length 1; ValueError where it is not of unit length to 1e-3.
+
+    What has unit length already stays as it is to the last bit, so that a replay goes the very same way.
+    """
+    try:
+        x, y, z = vector(direction)
+        length = hypot(x, y, z)
+    except (TypeError, ValueError):
+        length = nan
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:  # written so that NaN fails too
+        raise ValueError(f"a direction is three finite numbers of unit length, not {direction}")
+    return (x, y, z) if abs(length - 1.0) <= ROUNDING else (x / length, y / length, z / length)
 
 
 class Tool(Protocol):

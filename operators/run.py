@@ -7,7 +7,7 @@ import csv
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from ..core import Contact, DensityGrid, Regime, Sample, Stroke, native
 from ..core.grid import Box, union
 from ..core.stroke import hash_of
+from ..core.tool import vector
 
 TRACE_COLUMNS = ("t", "x", "y", "z", "regime", "stress", "yield_stress", "fx", "fy", "fz", "moved_mass")
 
@@ -51,10 +52,10 @@ class Run:
         shift = np.array(self.origin)
         if shift.any() and stroke.grid_hash is not None and stroke.grid_hash == hash_of(self.grid):
             shift[:] = 0
-        push = stroke.push(self.grid)
+        push = stroke.moved_by(-shift).push(self.grid)
         for sample in progress(stroke.samples, what):
             began = time.perf_counter()
-            contact = push.move_to(sample.position - shift, sample.radius, stroke.continuous)
+            contact = push.walk(replace(sample, position=vector(sample.position - shift)), stroke.continuous)
             self.ms.append((time.perf_counter() - began) * 1e3)
             self.samples.append(sample)
             self.contacts.append(contact)

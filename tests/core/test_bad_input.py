@@ -97,5 +97,7 @@ def test_too_many_samples():
 
 def test_a_verb_that_a_push_cannot_do():
     grid = half_space(16, 0.6, 8)
-    refused(lambda: Stroke(verb="smooth").push(grid), "smooth")
-    refused(lambda: Stroke(symmetry="x").push(grid), "symmetry")
+    refused(lambda: Stroke(verb="melt").push(grid), "melt")
+    refused(lambda: Stroke(symmetry="x").push(grid), "mirror")
+    refused(lambda: Stroke(symmetry="w", mirror=(8, 8, 8)).push(grid), "symmetry")
+    refused(lambda: Stroke(symmetry="x", mirror=(8, float("nan"), 8)).push(grid), "finite")
