@@ -12,6 +12,8 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,30 +49,39 @@ def test_tools(blender: str) -> Path:
     return folder
 
 
+@contextmanager
+def installed(blender: str) -> Iterator[tuple[Path, dict[str, str]]]:
+    """A folder for the occasion, and the environment in which this Blender has the extension, as a user gets it.
+
+    Raises StepError.
+    """
+    if shutil.which(blender) is None:
+        raise StepError(f"there is no {blender}: say which Blender, as in BLENDER=PATH")
+    with tempfile.TemporaryDirectory(prefix="repousse-blender-") as folder:
+        run("the build", [sys.executable, ".ci/package.py", "--platforms", "host", "--out", folder])
+        (extension,) = Path(folder).glob("*.zip")
+        environment = os.environ | {"BLENDER_USER_RESOURCES": f"{folder}/user", "REPOUSSE_ZIP": str(extension)}
+        install = ["--command", "extension", "install-file", "--repo", "user_default", "--enable", str(extension)]
+        run("the installation", [blender, *install], env=environment)
+        yield Path(folder), environment
+
+
 def main() -> int:
     """Exit code of pytest inside Blender; 1 with one line on stderr when it does not come to that."""
     blender, arguments = sys.argv[1], sys.argv[2:] or ["tests/blender"]
-    if shutil.which(blender) is None:
-        print(f"run.py: there is no {blender}: say which, as in make test-blender BLENDER=PATH", file=sys.stderr)
-        return 1
-    with tempfile.TemporaryDirectory(prefix="repousse-blender-") as folder:
-        try:
-            run("the build", [sys.executable, ".ci/package.py", "--platforms", "host", "--out", folder])
-            (extension,) = Path(folder).glob("*.zip")
-            environment = os.environ | {"BLENDER_USER_RESOURCES": f"{folder}/user", "REPOUSSE_ZIP": str(extension)}
-            install = ["--command", "extension", "install-file", "--repo", "user_default", "--enable", str(extension)]
-            run("the installation", [blender, *install], env=environment)
+    try:
+        with installed(blender) as (_, environment):
             tools = test_tools(blender)
-        except StepError as error:
-            print(f"run.py: {error}", file=sys.stderr)
-            return 1
-        # First on the path, for Blender's Python may have a pytest of another version.
-        expression = (
-            f"import sys; sys.path.insert(0, {str(tools)!r}); import pytest; "
-            f"sys.exit(pytest.main(['-c', 'tests/pytest.ini', *{arguments!r}]))"
-        )
-        tests = [blender, "--background", "--python-exit-code", "1", "--python-expr", expression]
-        return subprocess.run(tests, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL).returncode
+            # First on the path, for Blender's Python may have a pytest of another version.
+            expression = (
+                f"import sys; sys.path.insert(0, {str(tools)!r}); import pytest; "
+                f"sys.exit(pytest.main(['-c', 'tests/pytest.ini', *{arguments!r}]))"
+            )
+            tests = [blender, "--background", "--python-exit-code", "1", "--python-expr", expression]
+            return subprocess.run(tests, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL).returncode
+    except StepError as error:
+        print(f"run.py: {error}", file=sys.stderr)
+        return 1
 
 
 if __name__ == "__main__":

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The hand and the eye of a scenario: mouse, keys, waiting, views, pictures and what Blender has reported."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from mathutils import Quaternion, Vector
+
+from .scenario import Steps
+
+OUT = Path(__file__).resolve().parents[2] / "out" / "window"
+FROM_ABOVE = Quaternion((1.0, 0.0, 0.0, 0.0))
+FROM_THE_FRONT = Quaternion((0.70710678, 0.70710678, 0.0, 0.0))
+THREE_QUARTERS = Quaternion((0.820473, 0.424708, 0.176320, 0.339851))
+"""Down onto a corner, as one looks at a block on a table."""
+
+
+class Window:
+    """Blender's first window, of which nothing is kept: opening a file makes all of it anew."""
+
+    def __init__(self, name: str, folder: Path, tell: Callable[..., None]):
+        self.name = name
+        self.folder = folder
+        self._tell = tell
+        self._pointer = (0, 0)
+        self._modifiers: dict[str, bool] = {}
+
+    @property
+    def blender(self) -> bpy.types.Window:
+        """Blender's own window as it is now."""
+        return bpy.context.window_manager.windows[0]
+
+    @property
+    def areas(self) -> list[bpy.types.Area]:
+        """The 3D views, the largest first."""
+        views = [area for area in self.blender.screen.areas if area.type == "VIEW_3D"]
+        return sorted(views, key=lambda area: -area.width * area.height)
+
+    @property
+    def area(self) -> bpy.types.Area:
+        """The largest 3D view."""
+        return self.areas[0]
+
+    @property
+    def view(self) -> bpy.types.RegionView3D:
+        """Where the largest 3D view looks from."""
+        return self.area.spaces.active.region_3d
+
+    @contextmanager
+    def context(self, area: bpy.types.Area | None = None):
+        """Bpy's context as it is with the pointer over a 3D view (the largest), for calls of operators."""
+        area = area or self.area
+        with bpy.context.temp_override(window=self.blender, area=area, region=_main_region(area)):
+            yield bpy.context
+
+    def fresh_file(self) -> Steps:
+        """Blender's own start file, without the cube, drawn."""
+        self._modifiers = {}
+        bpy.ops.wm.read_homefile(app_template="")
+        yield 0.05
+        for thing in list(bpy.data.objects):
+            bpy.data.objects.remove(thing)
+        with self.context():
+            bpy.ops.ed.undo_push(message="Original")
+        yield from self.drawn()
+
+    def look(self, rotation: Quaternion, target: Iterable[float] = (0, 0, 0), distance=6.0, perspective=True) -> Steps:
+        """Turn the largest view to look at ``target`` from ``distance``, both in metres."""
+        self.view.view_perspective = "PERSP" if perspective else "ORTHO"
+        self.view.view_rotation = rotation
+        self.view.view_location = target
+        self.view.view_distance = distance
+        yield from self.drawn()
+
+    def pixel(self, point: Iterable[float], area: bpy.types.Area | None = None) -> tuple[int, int]:
+        """Where a point of the world is seen: pixels from the window's lower left, as events count them."""
+        area = area or self.area
+        region = _main_region(area)
+        seen = location_3d_to_region_2d(region, area.spaces.active.region_3d, Vector(point))
+        assert seen is not None, f"{point} is behind the view"
+        return round(region.x + seen.x), round(region.y + seen.y)
+
+    def until(self, condition: Callable[[], object], what: str, limit: float = 10.0) -> Steps:
+        """Go on as soon as a condition holds; AssertionError that says ``what`` was waited for, after a limit."""
+        deadline = time.monotonic() + limit
+        while not condition():
+            assert time.monotonic() < deadline, f"waited {limit:g} s in vain: {what}"
+            yield 0.01
+
+    def drawn(self) -> Steps:
+        """Wait until every 3D view has been drawn anew."""
+        drawn: list[bool] = []
+        handler = bpy.types.SpaceView3D.draw_handler_add(drawn.append, (True,), "WINDOW", "POST_PIXEL")
+        for area in self.areas:
+            area.tag_redraw()
+        try:
+            yield from self.until(lambda: len(drawn) >= len(self.areas), "a view to be drawn", 30.0)
+        finally:
+            bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
+        yield 0.0
+
+    def event(self, kind: str, value: str) -> None:
+        """Send one event at the pointer's place, with the modifiers that are held."""
+        x, y = self._pointer
+        self.blender.event_simulate(type=kind, value=value, x=x, y=y, **self._modifiers)
+
+    def move(self, pixel: tuple[int, int]) -> Steps:
+        """Move the pointer, and let Blender take notice."""
+        self._pointer = pixel
+        self.event("MOUSEMOVE", "NOTHING")
+        yield 0.0
+
+    def press(self, key: str = "LEFTMOUSE") -> Steps:
+        """Press a key or a button and hold it."""
+        if key in _MODIFIERS:
+            self._modifiers[_MODIFIERS[key]] = True
+        self.event(key, "PRESS")
+        yield 0.0
+
+    def release(self, key: str = "LEFTMOUSE") -> Steps:
+        """Let go of a key or a button."""
+        if key in _MODIFIERS:
+            self._modifiers[_MODIFIERS[key]] = False
+        self.event(key, "RELEASE")
+        yield 0.0
+
+    def tap(self, key: str, *modifiers: str) -> Steps:
+        """Press and release a key, with others held: ``tap("Z", "LEFT_CTRL")``."""
+        for modifier in modifiers:
+            yield from self.press(modifier)
+        yield from self.press(key)
+        yield from self.release(key)
+        for modifier in reversed(modifiers):
+            yield from self.release(modifier)
+
+    def drag_to(self, pixel: tuple[int, int], moves: int = 12) -> Steps:
+        """Move the pointer to a place in a straight line of so many events."""
+        x, y = self._pointer
+        for n in range(1, moves + 1):
+            yield from self.move((round(x + (pixel[0] - x) * n / moves), round(y + (pixel[1] - y) * n / moves)))
+
+    def picture(self) -> Steps:
+        """Keep what the window shows now as out/window/<scenario>.png."""
+        yield from self.drawn()
+        OUT.mkdir(parents=True, exist_ok=True)
+        with self.context():
+            bpy.ops.screen.screenshot(filepath=str(OUT / f"{self.name}.png"))
+
+    def reports(self) -> list[str]:
+        """What Blender has told its user, as its Info editor lists it: reports of this session, newest last."""
+        area = self.blender.screen.areas[0]
+        former = area.ui_type
+        area.ui_type = "INFO"
+        try:
+            with self.context(area):
+                bpy.ops.info.select_all(action="SELECT")
+                bpy.ops.info.report_copy()
+            return bpy.context.window_manager.clipboard.splitlines()
+        finally:
+            area.ui_type = former
+
+    def figures(self, **figures: float) -> None:
+        """Tell the outside figures, by name."""
+        self._tell("figures", figures=figures)
+
+
+_MODIFIERS = {"LEFT_CTRL": "ctrl", "LEFT_SHIFT": "shift", "LEFT_ALT": "alt"}
+
+
+def _main_region(area: bpy.types.Area) -> bpy.types.Region:
+    return next(region for region in area.regions if region.type == "WINDOW")
