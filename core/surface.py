@@ -233,7 +233,7 @@ def _cubic(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _turning_points(cubics: np.ndarray) -> np.ndarray:
-    """(n, 4) for cubics (n, 4): 0, where each turns within 0 to 1, and 1, in order; between two it has no other turn."""
+    """0, where each of cubics (n, 4) turns within 0 to 1, and 1, in order, as (n, 4): between two it does not turn."""
     b, c, d = cubics[:, 1], cubics[:, 2], cubics[:, 3]
     turns = np.zeros((len(cubics), 4))
     turns[:, 3] = 1.0
