@@ -2,7 +2,7 @@
 # Every command first sets up what it needs, from PyPI alone; .ci/setup does only what has changed since.
 SHELL := bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-blender figures bench package lint clean
+.PHONY: help setup demo test test-blender test-window figures bench package lint clean
 
 BPY ?=
 BLENDER ?= blender
@@ -14,12 +14,14 @@ VENV := .venv$(if $(BPY),-bpy$(BPY))
 PYTHON := $(VENV)/bin/python
 PYTHON_FOR_4.5 := 3.11
 PYTHON_FOR_5.2 := 3.13
+SCENARIOS = $(if $(filter command line,$(origin TESTS)),$(foreach name,$(TESTS),'$(name)'))
 PYTEST := $(PYTHON) -m pytest -c tests/pytest.ini
 
 help:
 	@echo 'make demo [INPUT=FILE]           push a stroke into Suzanne, or into a .pvm or .vdb: out/demo.vdb, out/demo.png'
 	@echo 'make test [TESTS=tests/core]     all tests, or some, with the bpy wheel'
 	@echo 'make test-blender BLENDER=PATH   the Blender tests in a real Blender, on the built and installed extension'
+	@echo 'make test-window BLENDER=PATH [TESTS="undo_* esc_*"]  strokes by mouse and keys in a Blender with a window; pictures in out/window'
 	@echo 'make figures                     the figures of the paper, into out/figures'
 	@echo 'make bench                       speed, into out/bench'
 	@echo 'make package [PLATFORMS=...]     the extension, dist/repousse-VERSION.zip; PLATFORMS=linux-x64,windows-x64 for those alone'
@@ -39,6 +41,9 @@ test: setup
 
 test-blender: setup
 	@$(PYTHON) tests/blender/run.py "$(BLENDER)"
+
+test-window: setup
+	@$(PYTHON) -m tests.window.run "$(BLENDER)" $(SCENARIOS)
 
 figures: setup
 	@$(PYTHON) tests/bench/figures.py

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
 import time
 from collections.abc import Callable, Iterable
 from contextlib import contextmanager
@@ -145,12 +148,14 @@ class Window:
         for n in range(1, moves + 1):
             yield from self.move((round(x + (pixel[0] - x) * n / moves), round(y + (pixel[1] - y) * n / moves)))
 
-    def picture(self) -> Steps:
-        """Keep what the window shows now as out/window/<scenario>.png."""
+    def picture(self, ending: str = "") -> Steps:
+        """Keep what the window shows now as out/window/<scenario><ending>.png."""
         yield from self.drawn()
         OUT.mkdir(parents=True, exist_ok=True)
-        with self.context():
-            bpy.ops.screen.screenshot(filepath=str(OUT / f"{self.name}.png"))
+        path = OUT / f"{self.name}{ending}.png"
+        if not _grab(path):
+            with self.context():
+                bpy.ops.screen.screenshot(filepath=str(path))
 
     def reports(self) -> list[str]:
         """What Blender has told its user, as its Info editor lists it: reports of this session, newest last."""
@@ -171,6 +176,15 @@ class Window:
 
 
 _MODIFIERS = {"LEFT_CTRL": "ctrl", "LEFT_SHIFT": "shift", "LEFT_ALT": "alt"}
+
+
+def _grab(path: Path) -> bool:
+    """Take the picture from the X server, where there are tools for that: Mesa gives Blender's own a black one."""
+    if not (shutil.which("xdotool") and shutil.which("import")):
+        return False
+    search = ["xdotool", "search", "--pid", str(os.getpid())]
+    found = subprocess.run(search, stdout=subprocess.PIPE, text=True).stdout.split()
+    return bool(found) and subprocess.run(["import", "-window", found[0], str(path)]).returncode == 0
 
 
 def _main_region(area: bpy.types.Area) -> bpy.types.Region:
