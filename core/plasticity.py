@@ -10,7 +10,7 @@ from math import hypot
 
 import numpy as np
 
-from .native.state import Workspace
+from .native.state import Probe
 from .tool import Shape, Vector
 
 RELAXED = 2e-3
@@ -66,7 +66,7 @@ def felt_force(stress: float, yield_stress: float, normal: Vector, direction: Ve
     return np.array([h * (min(stress, yield_stress) / length) for h in heading])
 
 
-def estimate(work: Workspace) -> None:
+def estimate(work: Probe) -> None:
     """M_t = sum of w_t d, M_s = sum of (w_s - w_t) d, and grad M_t, into ``work.estimate`` (paper equations 4 and 5).
 
     The reach is what surrounds the tool, so the tool's own mass is not in M_s.
@@ -92,7 +92,7 @@ def box_around(
     return (slices[0], slices[1], slices[2]), offsets
 
 
-def _estimate_numpy(work: Workspace) -> None:
+def _estimate_numpy(work: Probe) -> None:
     centre, result = work.tool.centre[:], work.estimate
     box, offsets = box_around(work.surroundings, centre, work.density.shape)
     both = float((work.surroundings.coverage(*offsets) * work.density[box]).sum())
