@@ -11,6 +11,8 @@ _MODULES = (
     "mesh_to_clay",
     "replay_stroke",
     "strokes",
+    "resample_volume",
+    "automatic_level",
     "export_vdb",
     "command",
 )

@@ -41,4 +41,4 @@ def draw_memory_line(layout: bpy.types.UILayout, shape: Sequence[int]) -> None:
     clay, view, history = mebibytes(shape)
     text = bpy.app.translations.pgettext_iface("{:.0f} MiB: clay {:.0f}, view {:.0f}, a stroke up to {:.0f}")
     text = text.format(clay + view + history, clay, view, history)
-    layout.label(text=text, icon="MEMORY", translate=False)
+    layout.label(text=text, icon="BLANK1", translate=False)

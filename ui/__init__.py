@@ -3,7 +3,16 @@
 
 from importlib import import_module
 
-_MODULES = ("panel",)
+_MODULES = (
+    "plots",
+    "presets",
+    "panel",  # the parent of those that follow
+    "material_panel",
+    "brush_panel",
+    "view_panel",
+    "stress_panel",
+    "strokes_panel",
+)
 
 
 def register():

@@ -29,60 +29,69 @@ Trace = Sequence[tuple[float, float, float]]
 
 
 @dataclass(frozen=True)
-class _Wanted:
-    key: Hashable
-    make: Callable[[], np.ndarray]
+class Plot:
+    """A picture as an icon of Blender's, 0 while there is none yet; how far its two axes go from their origin."""
+
+    icon: int = 0
+    across: float = 0.0
+    up: float = 0.0
 
 
-class _Pictures:
-    """What is shown, and what is to be shown instead, by the name of the plot."""
+@dataclass
+class _Slot:
+    """What one plot shows, and what it is to show instead."""
 
-    def __init__(self) -> None:
-        self.previews = bpy.utils.previews.new()
-        self.shown: dict[str, Hashable] = {}
-        self.wanted: dict[str, _Wanted] = {}
-
-    def icon(self, name: str, wanted: _Wanted) -> int:
-        """The icon of the newest picture of this name, 0 while there is none; asks for another where it is old."""
-        if self.shown.get(name) != wanted.key:
-            self.wanted[name] = wanted
-            if not bpy.app.timers.is_registered(make_wanted):
-                bpy.app.timers.register(make_wanted, first_interval=INTERVAL)
-        return self.previews[name].icon_id if name in self.shown else 0
-
-    def make(self) -> bool:
-        """Draw what is wanted. Returns whether anything was."""
-        changed = bool(self.wanted)
-        while self.wanted:
-            name, wanted = self.wanted.popitem()
-            preview = self.previews[name] if name in self.previews else self.previews.new(name)
-            preview.image_size = SIDE, SIDE
-            preview.image_pixels_float.foreach_set(np.ascontiguousarray(wanted.make(), np.float32).ravel())
-            self.shown[name] = wanted.key
-        return changed
+    preview: bpy.types.ImagePreview
+    shown: Hashable = None
+    plot: Plot = Plot()
+    wanted: Hashable = None
+    make: Callable[[], tuple[np.ndarray, float, float]] | None = None
 
 
-_pictures: _Pictures | None = None
+_previews = None
+_slots: dict[str, _Slot] = {}
 
 
-def histogram_icon(counts: Sequence[float], level: float) -> int:
-    """Icon of a histogram, with the densities that are not seen at this visible ``level`` greyed; 0 until it is made.
-
-    ``counts`` are voxels by density (core/histogram.py).
-    """
+def histogram_plot(counts: Sequence[float], level: float) -> Plot:
+    """Voxels by density (core/histogram.py); densities that are not seen at the visible ``level`` are grey."""
     ink, counts = _ink(), tuple(counts)
     key = (counts, round(level, 3), ink)
-    return _pictures.icon("histogram", _Wanted(key, lambda: histogram_picture(counts, level, ink)))
+    return _plot("histogram", key, lambda: (histogram_picture(counts, level, ink), 1.0, max(counts)))
 
 
-def stress_icon(trace: Trace) -> int:
-    """Icon of stress and yield stress (N) against depth (voxels); 0 until it is made.
-
-    ``trace`` may still grow: rows of (depth, stress, yield stress).
-    """
+def stress_plot(trace: Trace) -> Plot:
+    """Stress and yield stress in N, up, against depth in voxels, across: rows of a ``trace`` that may still grow."""
     ink, count = _ink(), len(trace)
-    key = (id(trace), count, trace[-1] if count else None, ink)
-    return _pictures.icon("stress", _Wanted(key, lambda: stress_picture(trace[:count], ink)))
+    key = (id(trace), trace[-1] if count else None, count, ink)
+    return _plot("stress", key, lambda: stress_picture(trace[:count], ink))
+
+
+def _plot(name: str, key: Hashable, make: Callable[[], tuple[np.ndarray, float, float]]) -> Plot:
+    """The newest plot of this name; where it is not the one of this key, that is made soon."""
+    if name not in _slots:
+        _slots[name] = _Slot(_previews.new(name))
+    slot = _slots[name]
+    if slot.shown != key:
+        slot.wanted, slot.make = key, make
+        if not bpy.app.timers.is_registered(make_wanted):
+            bpy.app.timers.register(make_wanted, first_interval=INTERVAL)
+    return slot.plot
+
+
+def make_wanted() -> None:
+    """Make the plots that were asked for while drawing, and let the panels show them."""
+    made = [slot for slot in _slots.values() if slot.make is not None]
+    for slot in made:
+        picture, across, up = slot.make()
+        slot.preview.image_size = SIDE, SIDE
+        slot.preview.image_pixels_float.foreach_set(np.ascontiguousarray(picture, np.float32).ravel())
+        slot.shown, slot.make = slot.wanted, None
+        slot.plot = Plot(slot.preview.icon_id, across, up)
+    for window in bpy.context.window_manager.windows if made else ():
+        for area in window.screen.areas:
+            for region in area.regions:
+                if area.type == "VIEW_3D" and region.type == "UI":
+                    region.tag_redraw()
 
 
 def histogram_picture(counts: Sequence[float], level: float, ink: Colour) -> np.ndarray:
@@ -101,12 +110,15 @@ def histogram_picture(counts: Sequence[float], level: float, ink: Colour) -> np.
     return picture
 
 
-def stress_picture(trace: Trace, ink: Colour) -> np.ndarray:
-    """(SIDE, SIDE, 4), first row at the bottom: the paper's figure 1, loading and unloading of one stroke."""
+def stress_picture(trace: Trace, ink: Colour) -> tuple[np.ndarray, float, float]:
+    """The paper's figure 1, loading and unloading of one stroke: (SIDE, SIDE, 4), first row at the bottom.
+
+    Then how many voxels it is wide, and how many newtons high.
+    """
     picture = _sheet(ink)
     points = np.array(trace[:: 1 + len(trace) // MOST_POINTS], np.float64).reshape(-1, 3)
     if len(points) < 2:
-        return picture
+        return picture, 0.0, 0.0
     depth, stress, yielding = points.T
     first, last = depth.min(), max(depth.max(), depth.min() + 1e-9)
     highest = max(stress.max(), yielding.max(), 1e-9)
@@ -114,7 +126,7 @@ def stress_picture(trace: Trace, ink: Colour) -> np.ndarray:
     across = MARGIN + (depth - first) / (last - first) * scale
     for curve, colour, width in ((yielding, YIELD, 1.2), (stress, STRESS, 2.0)):
         _line(picture, across, MARGIN + curve / highest * scale, colour, width)
-    return picture
+    return picture, float(last - first), float(highest)
 
 
 def _sheet(ink: Colour) -> np.ndarray:
@@ -149,24 +161,13 @@ def _ink() -> Colour:
     return round(red, 3), round(green, 3), round(blue, 3)
 
 
-def make_wanted() -> None:
-    """Make the pictures that were asked for while drawing, and let the sidebars show them."""
-    if _pictures is None or not _pictures.make():
-        return
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type in {"VIEW_3D", "PROPERTIES"}:
-                area.tag_redraw()
-
-
 def register():
-    global _pictures
-    _pictures = _Pictures()
+    global _previews
+    _previews = bpy.utils.previews.new()
 
 
 def unregister():
-    global _pictures
     if bpy.app.timers.is_registered(make_wanted):
         bpy.app.timers.unregister(make_wanted)
-    bpy.utils.previews.remove(_pictures.previews)
-    _pictures = None
+    _slots.clear()
+    bpy.utils.previews.remove(_previews)
