@@ -13,6 +13,8 @@ _MODULES = (
     "strokes",
     "resample_volume",
     "automatic_level",
+    "sculpt",
+    "hover",
     "export_vdb",
     "command",
 )

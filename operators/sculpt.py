@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sculpt: push, pull or smooth the active volume under the mouse or pen, from press to release one stroke."""
+
+from __future__ import annotations
+
+import time
+import warnings
+
+import bpy
+import numpy as np
+
+from ..core import Contact, SphereTool, Stroke
+from ..core.engine import Engine
+from ..core.grid import Box
+from ..core.guide import Brush, Guide
+from ..core.surface import Surface
+from ..core.tool import DEFAULT_REACH, Vector, vector
+from . import strokes
+from .aim import Aim, Pointer
+from .automatic_level import level_of
+from .session import Session, live, open_session
+from .settings import RepousseSettings
+from .volumes import OnActiveVolume, active_volume
+
+TICK = 1.0 / 60.0
+"""Seconds between looks at what the engine has done."""
+SMALLEST_RADIUS, LARGEST_RADIUS = 1.5, 64.0
+"""Voxels. A larger tool than this cannot be followed in real time."""
+PATIENCE = 0.05
+"""Seconds for which the release of the button waits for the last poses to be solved before it looks again later."""
+
+VERBS = [
+    ("push", "Push", "Push material out of the tool's way"),
+    ("pull", "Pull", "Pull material back towards the viewer"),
+    ("smooth", "Smooth", "Even the surface out; no mass is lost"),
+]
+
+
+def voxels_to_world(obj: bpy.types.Object, session: Session) -> np.ndarray:
+    """(4, 4) float64: indices of the session's grid to the world, through the object that shows it."""
+    return np.array(obj.matrix_world, np.float64) @ session.grid.transform
+
+
+def brush_radius(aim: Aim, settings: RepousseSettings, position: Vector) -> float:
+    """Radius in voxels of the brush over ``position``, within what can be solved in real time."""
+    return min(max(aim.length(position, settings.radius), SMALLEST_RADIUS), LARGEST_RADIUS)
+
+
+class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
+    bl_idname = "repousse.sculpt"
+    bl_label = "Sculpt Volume"
+    bl_description = "Push, pull or smooth the active volume while the button is held"
+    bl_options = {"UNDO", "BLOCKING"}
+
+    verb: bpy.props.EnumProperty(name="Verb", description="What the tool does to the material", items=VERBS)
+
+    def invoke(self, context, event):
+        if context.region is None or context.region_data is None:
+            self.report({"ERROR"}, "Sculpt in a 3D view")
+            return {"CANCELLED"}
+        obj, settings = active_volume(context), context.scene.repousse
+        try:
+            session = open_session(obj)
+            if session.engine is not None:
+                return {"CANCELLED"}  # one stroke at a time
+            self._begin(context, event, obj, session, settings)
+        except (ValueError, MemoryError) as error:
+            self.report({"ERROR"}, str(error) or "There is not enough memory for a stroke in this volume")
+            return {"CANCELLED"}
+        self._timer = context.window_manager.event_timer_add(TICK, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        context.workspace.status_text_set(_status)
+        return {"RUNNING_MODAL"}
+
+    def _begin(self, context, event, obj, session, settings):
+        to_world = voxels_to_world(obj, session)
+        aim = Aim.of(context.region, context.region_data, to_world)
+        x, y = event.mouse_region_x, event.mouse_region_y
+        level = level_of(obj.data)
+        hit = Surface(session.grid, level).hit(*aim.ray(x, y))
+        middle = vector((n - 1) / 2.0 for n in session.grid.shape)
+        radius = brush_radius(aim, settings, hit.position if hit else middle)
+        self._stroke = _stroke_of(settings, self.verb, radius, session)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            push = self._stroke.push(session.grid)
+        for warning in told:
+            self.report({"WARNING"}, str(warning.message))
+        if settings.record:
+            self._stroke.grid_hash = session.grid_hash()
+        engine = Engine(push)
+        brush = Brush(
+            radius=radius,
+            strength=settings.strength,
+            verb=self.verb,
+            press=settings.press,
+            drill=settings.drill,
+            spacing=settings.spacing / 100.0,
+            stabiliser=float(settings.stabiliser),
+            pressure_radius=settings.pressure_radius,
+            pressure_strength=settings.pressure_strength,
+        )
+        self._guide = Guide(Surface(session.grid, level, engine.history), brush, aim.ray)
+        self._volume, self._to_world = obj.data.session_uid, to_world
+        self._engine, self._began, self._shown, self._released = engine, time.perf_counter(), None, False
+        engine.start()
+        session.engine = engine
+        self._feed(self._guide.begin(x, y, event.pressure, 0.0))
+
+    def modal(self, context, event):
+        session = live()
+        if session is None or session.engine is not self._engine or context.area is None:
+            return self._leave(context)  # undo, a file, or the add-on's end has ended the stroke
+        if self._engine.failure is not None:
+            self.report({"ERROR"}, f"The stroke was taken back: {self._engine.failure}")
+            return self._take_back(context, session)
+        if event.value == "PRESS" and event.type in {"ESC", "RIGHTMOUSE"}:
+            return self._take_back(context, session)
+        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            self._released = True
+            self._engine.settle(PATIENCE)
+        elif event.type in {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE"} and not self._released:
+            x, y = event.mouse_region_x, event.mouse_region_y
+            self._feed(self._guide.move(x, y, event.pressure, self._time))
+            context.area.tag_redraw()
+        elif event.type == "TIMER" and not self._released:
+            self._feed(self._guide.hold(self._time))
+        if self._released and self._engine.settle(0.0):
+            return self._commit(context, session)
+        if self._engine.contact is not self._shown:
+            self._shown = self._engine.contact
+            context.area.tag_redraw()
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context):
+        """Blender's own call when a file is loaded or a window is closed under the stroke."""
+        session = live()
+        if session is not None and session.engine is self._engine:
+            self._take_back(context, session)
+        else:
+            self._leave(context)
+
+    @property
+    def _time(self) -> float:
+        return time.perf_counter() - self._began
+
+    def _feed(self, samples) -> None:
+        for sample in samples:
+            self._engine.feed(sample)
+        session, hit = live(), self._guide.hit
+        if session is not None and hit is not None:
+            session.pointer = Pointer.at(hit, self._guide.radius, self._to_world)
+
+    def _commit(self, context, session):
+        """The button is up and all is solved: the next revision of the volume, and one step of undo."""
+        engine, obj = self._engine, active_volume(context)
+        try:
+            samples = engine.finish()
+        except Exception as error:  # whatever a solve raised: the artist's work must not hang on it
+            self.report({"ERROR"}, f"The stroke was taken back: {error}")
+            return self._take_back(context, session)
+        boxes = in_array(engine.touched, engine.push.origin)
+        if obj is None or obj.data.session_uid != self._volume or not boxes:
+            return self._take_back(context, session)
+        session.last_trace = engine.trace
+        try:
+            session.commit(obj, boxes, engine.mass_out)
+        except (ValueError, OSError) as error:
+            self.report({"ERROR"}, f"The stroke was taken back: {error}")
+            engine.push.restore(engine.history)
+            return self._take_back(context, session)
+        if context.scene.repousse.record:
+            self._stroke.samples = samples
+            strokes.keep(self._stroke, obj.data)
+        session.engine = None
+        self._leave(context)
+        return {"FINISHED"}
+
+    def _take_back(self, context, session):
+        """Every voxel as it was before the stroke."""
+        self._engine.cancel()
+        session.changed(None)
+        session.engine = None
+        return self._leave(context)
+
+    def _leave(self, context):
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+        if context.area is not None:
+            context.area.tag_redraw()
+        return {"CANCELLED"}
+
+
+def in_array(boxes: list[Box], origin: tuple[int, int, int]) -> list[Box]:
+    """Boxes in the frame of the poses as indices of the array, whose first voxel lies at ``origin`` in that frame."""
+    return [tuple(tuple(int(v - o) for v, o in zip(end, origin)) for end in box) for box in boxes]
+
+
+def _stroke_of(settings: RepousseSettings, verb: str, radius: float, session: Session) -> Stroke:
+    """The header of the stroke that begins: what replays it to the same voxels."""
+    axes = settings.mirror_axes
+    to_index = np.linalg.inv(session.grid.transform)
+    return Stroke(
+        tool=SphereTool(radius, DEFAULT_REACH * radius),
+        material=settings.clay,
+        method=settings.method,
+        border=settings.border,
+        band=settings.band * radius if settings.use_band and verb == "push" else None,
+        verb=verb,
+        symmetry=axes,
+        mirror=vector(to_index[:3, 3]) if axes else None,
+        voxel_size=session.grid.voxel_size,
+    )
+
+
+def _status(header: bpy.types.Header, _context: bpy.types.Context) -> None:
+    """The status bar while a stroke runs."""
+    layout = header.layout
+    layout.label(text="Finish", icon="MOUSE_LMB")
+    layout.label(text="Cancel", icon="MOUSE_RMB")
+    layout.label(text="Cancel", icon="EVENT_ESC")
+    session = live()
+    if session is None or session.engine is None:
+        return
+    contact: Contact = session.engine.contact
+    say = bpy.app.translations.pgettext_iface
+    layout.separator_spacer()
+    layout.label(
+        text=say("{}   stress {:.2f} N   yields at {:.2f} N").format(
+            say(contact.regime.value.capitalize()), contact.stress, contact.yield_stress
+        ),
+        translate=False,
+    )
+
+
+def register():
+    bpy.utils.register_class(REPOUSSE_OT_sculpt)
+
+
+def unregister():
+    bpy.utils.unregister_class(REPOUSSE_OT_sculpt)
