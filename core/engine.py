@@ -78,6 +78,8 @@ class Engine:
     trace
         For each of these (depth in voxels, sigma, sigma_f in newtons). Depth is the way along the sample's direction,
         or against the force where it has none, since the tool came into the material.
+    mass_out
+        What has left the grid, in voxels' worth.
     failure
         What a thread raised; :meth:`finish` raises it.
 
@@ -91,6 +93,7 @@ class Engine:
         self.model: LocalModel | None = None
         self.solved: list[Sample] = []
         self.trace: list[tuple[float, float, float]] = []
+        self.mass_out = 0.0
         self.failure: BaseException | None = None
         self._stage = _Stage.NEW
         self._threads: list[Thread] = []
@@ -217,7 +220,7 @@ class Engine:
         changed_back = self.history.touched
         self.push.restore(self.history)
         self._stage = _Stage.OVER
-        self.solved, self.trace = [], []
+        self.solved, self.trace, self.mass_out = [], [], 0.0
         self._touched = [None for _ in self._touched]
         self._changes = [None for _ in self._changes]
         self._changes[0] = _shifted(changed_back, self.push.origin)
@@ -273,6 +276,7 @@ class Engine:
         depth, dirty = self._depth(sample, contact), [met.dirty for met in self.push.contacts]
         with self._news:
             self.contact = contact
+            self.mass_out += contact.mass_out
             self.solved.append(sample)
             self.trace.append((depth, contact.stress, contact.yield_stress))
             self._changes = [union(box, new) for box, new in zip(self._changes, dirty, strict=True)]
