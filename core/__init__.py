@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The material: grids, tools, the elastoplastic law and its kernels. Knows neither Blender nor devices."""
 
+from .engine import Engine
 from .grid import DensityGrid
 from .history import History
+from .local_model import LocalModel
 from .material import PRESETS, Material
 from .plasticity import Regime
 from .push import Contact, Push
@@ -16,7 +18,9 @@ __all__ = [
     "CapsuleTool",
     "Contact",
     "DensityGrid",
+    "Engine",
     "History",
+    "LocalModel",
     "Material",
     "Push",
     "Regime",

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Before-images: a grid is made what it was, bit for bit, and only what was touched is kept."""
 
+import threading
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 
 from repousse.core import DensityGrid, Material, Push, SphereTool
 from repousse.core.grid import BRICK
+from repousse.core.history import _Bricks
 
 from .volumes import half_space, in_frame, line, speckled, walk
 
@@ -147,3 +150,97 @@ def test_any_stroke_is_undone(shape, border, band, points):
     walk(push, points, continuous=True)
     push.restore(history)
     assert grid.density.tobytes() == values.tobytes()
+
+
+def everywhere(shape, margin=2):
+    """All voxels of a grid, and ``margin`` around it."""
+    return np.stack(np.indices(np.array(shape) + 2 * margin).reshape(3, -1), axis=1) - margin
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_tells_what_was_there(kernels, case):
+    """At every voxel, after growth too; around the grid as it was there was nothing."""
+    make, options = CASES[case]
+    push = Push(make(), SphereTool(5), Material(3.3, 0.02), **options)
+    before, shape = push.grid.density.copy(), push.grid.shape
+    asked, expected = everywhere(shape), np.pad(before, 2).ravel()
+    remembered = push.remember()
+    assert np.array_equal(remembered.original(asked), expected)
+    for position in paths(shape)[::4]:
+        push.move_to(position, continuous=True)
+        some = np.random.default_rng(0).choice(len(asked), 500)
+        assert np.array_equal(remembered.original(asked[some]), expected[some])
+    told = remembered.original(asked)
+    assert told.dtype == np.float32 and np.array_equal(told, expected)
+    assert remembered.original(np.empty((0, 3), np.int64)).shape == (0,)
+
+
+@pytest.mark.parametrize("case", ["sweep", "growth and rim"])
+def test_tells_what_was_there_before_it_asked(kernels, case, monkeypatch):
+    """A push between the two looks, at the voxels and at what has been kept, changes no answer."""
+    make, options = CASES[case]
+    push = Push(make(), SphereTool(5), Material(3.3, 0.02), **options)
+    asked, expected = everywhere(push.grid.shape), np.pad(push.grid.density, 2).ravel()
+    remembered = push.remember()
+    way, numbers, interrupted = iter(paths(push.grid.shape)), _Bricks.numbers, []
+
+    def pushed_first(bricks, wanted):
+        count = remembered.bricks
+        while remembered.bricks == count and (position := next(way, None)) is not None:
+            push.move_to(position, continuous=True)
+        interrupted.append(remembered.bricks - count)
+        return numbers(bricks, wanted)
+
+    monkeypatch.setattr(_Bricks, "numbers", pushed_first)
+    while not interrupted or interrupted[-1]:
+        assert np.array_equal(remembered.original(asked), expected)
+    assert len(interrupted) > 5
+
+
+@pytest.mark.parametrize("case", ["rim", "growth and rim"])
+def test_tells_what_was_there_while_another_thread_pushes(case):
+    make, options = CASES[case]
+    push = Push(make(), SphereTool(5), Material(3.3, 0.02), **options)
+    asked, expected = everywhere(push.grid.shape), np.pad(push.grid.density, 2).ravel()
+    remembered = push.remember()
+    pushing = threading.Thread(target=walk, args=(push, paths(push.grid.shape) * 5), kwargs={"continuous": True})
+    pushing.start()
+    random, answers = np.random.default_rng(0), 0
+    while pushing.is_alive():
+        some = random.integers(0, len(asked), 3000)
+        assert np.array_equal(remembered.original(asked[some]), expected[some])
+        answers += 1
+    pushing.join()
+    assert answers > 10 and remembered.bricks > 0
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_was_touched(kernels, case):
+    """The box holds every voxel that a restore changes back, and lies within the grid as it was."""
+    make, options = CASES[case]
+    push = Push(make(), SphereTool(5), Material(3.3, 0.02), **options)
+    before, shape = push.grid.density.copy(), push.grid.shape
+    remembered = push.remember()
+    assert remembered.touched is None
+    walk(push, paths(shape))
+    changed = np.argwhere(in_frame(push.grid, push.origin, (0, 0, 0), shape) != before)
+    low, high = np.array(remembered.touched)
+    assert (low >= 0).all() and (high <= shape).all()
+    assert (low <= changed.min(axis=0)).all() and (changed.max(axis=0) < high).all()
+
+
+def test_several_pushes_keep_in_one_history():
+    """Each tells of a growth when it notices; it counts once."""
+    grid = DensityGrid(np.ones((27, 26, 25), np.float32))
+    before, transform = grid.density.copy(), grid.transform.copy()
+    first, second = (Push(grid, SphereTool(5), Material(3.3, 0.02)) for _ in range(2))
+    remembered = first.remember()
+    second.join(remembered)
+    for step in range(12):
+        first.move_to((9.0 - 0.5 * step, 12.0, 12.0))
+        second.move_to((12.0, 12.0, 9.0 - 0.5 * step))
+    assert min(grid.grown) >= 0 and sum(g > 0 for g in grid.grown) >= 2
+    assert np.array_equal(remembered.original(everywhere(before.shape)), np.pad(before, 2).ravel())
+    first.restore(remembered)
+    second.forget(remembered, 0.0)
+    assert np.array_equal(grid.density, before) and np.array_equal(grid.transform, transform)
