@@ -116,7 +116,6 @@ class _Aimed(NamedTuple):
     """Where a line of sight ends, on the surface or on the glide plane: all (3,) in voxels."""
 
     position: np.ndarray
-    normal: np.ndarray
     origin: np.ndarray
     way: np.ndarray
     on_surface: bool
@@ -146,13 +145,14 @@ class Guide:
         self._posed = np.zeros(3)  # where on the surface the last pose was
         self._centre: np.ndarray | None = None  # the tool's there
         self._plane: _Aimed | None = None  # the last pose on the surface: the glide plane goes through it
+        self._outward = np.zeros(3)  # the normal there
         self._ahead = 0.0  # voxels that a drill has gone
         self._ahead_posed = 0.0  # and had at the last pose
 
     @property
     def hit(self) -> Hit | None:
         """What the tool is over now, on the surface or beside it; None before `begin`."""
-        return Hit(vector(self._here.position), vector(self._here.normal)) if self._here else None
+        return Hit(vector(self._here.position), vector(self._normal(self._here))) if self._here else None
 
     @property
     def radius(self) -> float:
@@ -220,7 +220,7 @@ class Guide:
         last, part = self._aim(end), 0.0
         ahead, gained = self._ahead, self._drilled(start, end)
         assert self._here is not None
-        straight = float(np.linalg.norm(_across(last, self._here) - self._here.position))
+        straight = float(np.linalg.norm(_across(last.origin, last.way, self._here) - self._here.position))
         step = max(self.brush.spacing * self.radius, FINEST_STEP, straight / MOST_POSES)
         while len(poses) < most and (found := self._next(start, end, part, last, step)) is not None:
             part, aimed = found
@@ -272,7 +272,7 @@ class Guide:
         """The part of the way to ``last`` after which it is a step from the last pose, were the surface flat."""
         assert self._here is not None
         gone = self._here.position - self._posed
-        way = _across(last, self._here) - self._here.position
+        way = _across(last.origin, last.way, self._here) - self._here.position
         a, b, c = float(way @ way), float(way @ gone), float(gone @ gone) - step * step
         if a <= 0.0:
             return 1.0
@@ -281,36 +281,39 @@ class Guide:
     def _aim(self, pen: _Pen) -> _Aimed:
         """Where the line of sight through a pixel meets the surface, or else the glide plane."""
         origin, way = (np.array(v, np.float64) for v in self.ray(pen.x, pen.y))
-        hit = self.surface.hit(origin, way)
-        if hit is None:
-            return self._glide(origin, way)
-        return _Aimed(np.array(hit.position), np.array(hit.normal), origin, way, True)
+        met = self.surface.meet(origin, way)
+        return self._glide(origin, way) if met is None else _Aimed(np.array(met), origin, way, True)
 
     def _glide(self, origin: np.ndarray, way: np.ndarray) -> _Aimed:
         """Off the surface: on the plane through the last pose on it, or the volume's middle, that faces the view."""
         if self._plane is not None:
-            aimed = _Aimed(self._plane.position, self._plane.normal, origin, way, False)
-            return aimed._replace(position=_across(aimed, self._plane))
+            return _Aimed(_across(origin, way, self._plane), origin, way, False)
         middle = (np.array(self.surface.shape) - 1.0) / 2.0
-        return _Aimed(origin + ((middle - origin) @ way) * way, -way, origin, way, False)
+        return _Aimed(origin + ((middle - origin) @ way) * way, origin, way, False)
+
+    def _normal(self, aimed: _Aimed) -> np.ndarray:
+        if aimed.on_surface:
+            return np.array(self.surface.normal(aimed.position, aimed.way))
+        return -aimed.way if self._plane is None else self._outward
 
     def _pose(self, pen: _Pen, aimed: _Aimed) -> list[Sample]:
         """The tool over a point of the surface; coming from afar, a push touches it first and is then pressed in."""
         brush, radius, press = self.brush, self.brush.radius_at(pen.pressure), self.brush.strength_at(pen.pressure)
-        inward = aimed.way if brush.press == "view" else -aimed.normal
-        touching = aimed.position + radius * aimed.normal
+        normal = self._normal(aimed)
+        inward = aimed.way if brush.press == "view" else -normal
+        touching = aimed.position + radius * normal
         if brush.verb == "push":
             centre = touching + (press * radius + self._ahead) * inward
             flow, strength = None if brush.press == "stroke" else inward, None
         elif brush.verb == "pull":
-            centre = aimed.position - radius * aimed.normal - self._ahead * inward
+            centre = aimed.position - radius * normal - self._ahead * inward
             flow, strength = -inward, PULL_SHARE * press
         else:
             centre, flow, strength = aimed.position, None, press
         afar = self._centre is None or float(np.linalg.norm(centre - self._centre)) > 2.0 * radius
         self._here, self._posed, self._centre, self._ahead_posed = aimed, aimed.position, centre, self._ahead
         if aimed.on_surface:
-            self._plane = aimed
+            self._plane, self._outward = aimed, normal
         way = [touching, centre] if afar and brush.verb == "push" else [centre]
         return [
             Sample(
@@ -328,7 +331,7 @@ def _share(pressure: float) -> float:
     return min(max(pressure, 0.0), 1.0)
 
 
-def _across(aimed: _Aimed, plane: _Aimed) -> np.ndarray:
+def _across(origin: np.ndarray, way: np.ndarray, plane: _Aimed) -> np.ndarray:
     """Where a line of sight cuts the plane through another's end that faces that other."""
-    slope = max(float(aimed.way @ plane.way), _FLATTEST)
-    return aimed.origin + (float((plane.position - aimed.origin) @ plane.way) / slope) * aimed.way
+    slope = max(float(way @ plane.way), _FLATTEST)
+    return origin + (float((plane.position - origin) @ plane.way) / slope) * way

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import ceil, floor
+from math import ceil, copysign, floor, prod, sqrt
 
 import numpy as np
 
@@ -18,16 +18,20 @@ from .tool import Vector, vector
 
 LEAST_LEVEL = 1e-6
 """A level of 0 is taken as this: all that is not empty."""
-CELLS_AT_ONCE = 64
+CELLS_AT_ONCE = 128
 """Cells that are first looked at, then twice as many, and so on: near surfaces are cheap, far ones take few calls."""
 SMOOTHED = 2.5
 """Standard deviations of the normal's bell that are summed."""
+FINEST_BELL = 0.5
+"""Voxels of standard deviation, at least: a finer bell would see no neighbour."""
 
 _SHORTEST = 1e-9  # voxels of a ray in a cell: less is the rounding of a corner
 _HALVINGS = 40  # of at most a cell's diagonal: 2e-12 voxels
+_FLAT = 1e-6  # density a voxel, or cosine, that is no slope
+_ROUNDING = 1e-12  # by which a density may be under the level that it has
 _CORNERS = np.array([0, 1])
-# Takes a cubic's values at 0, 1/3, 2/3 and 1 to its coefficients, constant first.
-_CUBIC = np.linalg.inv(np.vander([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0], 4, increasing=True)).T
+
+Cubic = tuple[float, float, float, float]  # its coefficients, constant first
 
 
 @dataclass(frozen=True)
@@ -44,48 +48,64 @@ class Surface:
     Parameters
     ----------
     grid
-        The grid as it lives. Positions are in the index frame that it has when this is made, or, with a history,
-        that it had when the history began: the frame of the poses.
+        The grid as it lives; positions are in its index frame.
     level
         Density, over 0 to 1, from which on material is seen.
     history
-        With it the voxels are those of the time when it began, whatever a push is doing to them meanwhile.
+        With one that has just begun, voxels are and lie as they do now, whatever pushes do to the grid from here on:
+        positions are in the frame of the poses, and threads that push meanwhile are no matter.
 
     ``voxels_read`` counts the densities that all rays so far have asked for.
     """
 
     def __init__(self, grid: DensityGrid, level: float, history: History | None = None) -> None:
         self.grid, self.level, self.history = grid, max(float(level), LEAST_LEVEL), history
-        self.shape = grid.shape
         self.voxels_read = 0
+        self._shape = grid.shape
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Voxels along each axis of the grid that is seen."""
+        return self.grid.shape if self.history is None else self._shape
 
     def hit(self, origin: Iterable[float], direction: Iterable[float], smoothing: float = 2.0) -> Hit | None:
+        """What a ray meets first; None where it meets nothing. See `meet` and `normal`."""
+        position = self.meet(origin, direction)
+        return None if position is None else Hit(position, self.normal(position, direction, smoothing))
+
+    def meet(self, origin: Iterable[float], direction: Iterable[float]) -> Vector | None:
         """The first point along a ray whose density is the level or more; None where there is none.
 
-        ``origin`` and ``direction`` are in voxels. A ray that begins in material meets it where it begins. The normal
-        is against the gradient of density under a bell with a standard deviation of ``smoothing`` voxels; of density
-        itself where the smoothed one does not face the ray (a thin sheet before a thick one), and against the ray
-        where that fades.
+        ``origin`` and ``direction`` are in voxels. A ray that begins in material meets it where it begins.
 
         Raises
         ------
         ValueError
             When the origin or direction is not finite, or the direction has no length.
         """
-        start, way = np.array(vector(origin)), np.array(vector(direction))
-        length = float(np.sqrt(way @ way))
-        if not (np.isfinite(start).all() and np.isfinite(length) and length > 0.0):
-            raise ValueError(f"a ray is a finite point and a direction with a length, not {origin} and {direction}")
-        way /= length
+        start, way = np.array(vector(origin)), _unit(direction)
+        if not np.isfinite(start).all():
+            raise ValueError(f"a ray begins at a finite point, not at {origin}")
         span = self._span(start, way)
         if span is None:
             return None
         start = start + span[0] * way  # from here on, or a far viewpoint would cost digits
         along = self._first(start, way, span[1] - span[0])
-        if along is None:
-            return None
-        position = start + along * way
-        return Hit(vector(position), vector(self._normal(position, way, smoothing)))
+        return None if along is None else vector(start + along * way)
+
+    def normal(self, position: Iterable[float], direction: Iterable[float], smoothing: float = 2.0) -> Vector:
+        """The outward unit normal at a point of the surface that a ray along ``direction`` has met.
+
+        It is against the gradient of density under a bell with a standard deviation of ``smoothing`` voxels; of density
+        itself where the smoothed one does not face the ray (a thin sheet before a thick one); and against the ray where
+        that fades.
+        """
+        place, way = np.array(vector(position)), _unit(direction)
+        for rising in (self._smoothed_gradient(place, smoothing), self._gradient(place)):
+            length = float(np.sqrt(rising @ rising))
+            if length > _FLAT and float(rising @ way) > _FLAT * length:
+                return vector(-rising / length)
+        return vector(-way)
 
     def _span(self, start: np.ndarray, way: np.ndarray) -> tuple[float, float] | None:
         """The part of a ray, in voxels from its start, on which there may be density."""
@@ -121,41 +141,30 @@ class Surface:
         """
         cells = np.floor(start + (enter + inside / 2.0)[:, None] * way).astype(np.int64)
         corners = self._corners(cells)
-        some = np.flatnonzero(corners.reshape(len(cells), 8).max(axis=1) >= self.level)
-        if not len(some):
-            return None
-        enter, inside, cells, corners = enter[some], inside[some], cells[some], corners[some]
-        steps = enter[:, None] + inside[:, None] * np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
-        values = _trilinear(corners[:, None], start + steps[..., None] * way - cells[:, None])
-        cubics = values @ _CUBIC
-        turns = _turning_points(cubics)
-        heights = _cubic(cubics[:, None], turns)
-        reached = np.flatnonzero((heights >= self.level - 1e-12).any(axis=1))
-        if not len(reached):
-            return None
-        cell = reached[0]
-        section = int((heights[cell] >= self.level - 1e-12).argmax())
-        low = float(turns[cell, section - 1]) if section else 0.0
-        return float(enter[cell] + inside[cell] * self._rise(cubics[cell].tolist(), low, float(turns[cell, section])))
+        for cell in np.flatnonzero(corners.reshape(len(cells), 8).max(axis=1) >= self.level):
+            entry, travel = start + enter[cell] * way - cells[cell], inside[cell] * way
+            cubic = _cubic(corners[cell].ravel().tolist(), entry.tolist(), travel.tolist())
+            part = self._rise(cubic)
+            if part is not None:
+                return float(enter[cell] + part * inside[cell])
+        return None
 
-    def _rise(self, cubic: list[float], low: float, high: float) -> float:
-        """Where a cubic that rises from below the level at ``low`` to it at ``high`` passes it."""
-        a, b, c, d = cubic
-        for _ in range(_HALVINGS):
+    def _rise(self, cubic: Cubic) -> float | None:
+        """The first place in 0 to 1 at which a cubic has the level or more."""
+        low = 0.0
+        for high in (0.0, *_turning_points(cubic), 1.0):
+            if _value(cubic, high) >= self.level - _ROUNDING:
+                break
+            low = high
+        else:
+            return None
+        for _ in range(_HALVINGS if high > low else 0):
             middle = 0.5 * (low + high)
-            if a + middle * (b + middle * (c + middle * d)) < self.level:
+            if _value(cubic, middle) < self.level:
                 low = middle
             else:
                 high = middle
         return high
-
-    def _normal(self, position: np.ndarray, way: np.ndarray, smoothing: float) -> np.ndarray:
-        """The outward normal at a point of the surface that a ray along ``way`` has met."""
-        for rising in (self._smoothed_gradient(position, smoothing), self._gradient(position)):
-            length = float(np.sqrt(rising @ rising))
-            if length > 1e-9 and float(rising @ way) > 1e-6 * length:
-                return -rising / length
-        return -way
 
     def _gradient(self, position: np.ndarray) -> np.ndarray:
         """Gradient of the trilinear density, per voxel."""
@@ -168,43 +177,49 @@ class Surface:
 
     def _smoothed_gradient(self, position: np.ndarray, smoothing: float) -> np.ndarray:
         """Gradient of the density under a bell, to a common factor."""
-        reach = SMOOTHED * max(smoothing, 0.5)
-        low = [ceil(p - reach) for p in position]
-        high = [floor(p + reach) + 1 for p in position]
-        block = self._block(low, high).astype(np.float64)
-        bells, slopes = [], []
-        for p, first, last in zip(position, low, high, strict=True):
-            off = np.arange(first, last) - p
-            bell = np.exp(-0.5 * (off / max(smoothing, 0.5)) ** 2)
-            bells.append(bell)
-            slopes.append(bell * (off - (bell @ off) / bell.sum()))  # uniform density has no slope, however it is cut
-        along_z, rising_z = block @ bells[2], block @ slopes[2]
-        along_yz, rising_y = along_z @ bells[1], along_z @ slopes[1]
-        return np.array([slopes[0] @ along_yz, bells[0] @ rising_y, bells[0] @ (rising_z @ bells[1])])
+        smoothing = max(smoothing, FINEST_BELL)
+        reach = SMOOTHED * smoothing
+        low = np.ceil(position - reach)
+        at = low[:, None] + np.arange(int(2.0 * reach) + 1)
+        off = at - position[:, None]
+        bells = np.exp(-0.5 * (off / smoothing) ** 2)
+        bells /= bells.sum(axis=1, keepdims=True)
+        slopes = bells * (off - (bells * off).sum(axis=1, keepdims=True))  # none in uniform density, however it is cut
+        x, y, z = at.astype(np.int64)
+        block = self._read(x[:, None, None], y[:, None], z).astype(np.float64)
+        along_z = block @ bells[2]
+        along_yz = along_z @ bells[1]
+        return np.array(
+            [slopes[0] @ along_yz, bells[0] @ (along_z @ slopes[1]), bells[0] @ (block @ slopes[2] @ bells[1])]
+        )
 
     def _corners(self, cells: np.ndarray) -> np.ndarray:
         """Densities at the eight corners of cells (n, 3), as (n, 2, 2, 2)."""
         x, y, z = (cells[:, a, None] + _CORNERS for a in range(3))
         return self._read(x[:, :, None, None], y[:, None, :, None], z[:, None, None, :])
 
-    def _block(self, low: list[int], high: list[int]) -> np.ndarray:
-        """Densities in a half-open box."""
-        return self._read(*np.ix_(*(np.arange(a, b) for a, b in zip(low, high, strict=True))))
-
     def _read(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Densities at indices that broadcast; 0 outside the grid."""
+        shape = np.broadcast_shapes(x.shape, y.shape, z.shape)
+        self.voxels_read += prod(shape)
         if self.history is not None:
-            x, y, z = np.broadcast_arrays(x, y, z)
-            self.voxels_read += x.size
-            read = self.history.original(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1))
-            return read.reshape(x.shape)
+            indices = np.empty((*shape, 3), np.int64)
+            indices[..., 0], indices[..., 1], indices[..., 2] = x, y, z
+            return self.history.original(indices.reshape(-1, 3)).reshape(shape)
         density = self.grid.density
         inside, flat = np.True_, np.int64(0)
         for at, n in zip((x, y, z), density.shape, strict=True):
             inside = inside & ((at >= 0) & (at < n))
             flat = flat * n + np.clip(at, 0, n - 1)
-        self.voxels_read += flat.size
-        return np.where(inside, density.reshape(-1).take(flat), np.float32(0.0))
+        return density.reshape(-1)[flat] * inside
+
+
+def _unit(direction: Iterable[float]) -> np.ndarray:
+    way = np.array(vector(direction))
+    length = float(np.sqrt(way @ way))
+    if not (np.isfinite(length) and length > 0.0):
+        raise ValueError(f"a ray's direction is finite and has a length, unlike {direction}")
+    return way / length
 
 
 def _knots(start: np.ndarray, way: np.ndarray, length: float) -> np.ndarray:
@@ -218,26 +233,31 @@ def _knots(start: np.ndarray, way: np.ndarray, length: float) -> np.ndarray:
     return merged[np.append(True, np.diff(merged) > _SHORTEST)]
 
 
-def _trilinear(corners: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Density at ``part`` (..., 3), 0 to 1, of cells with ``corners`` (..., 2, 2, 2)."""
-    x, y, z = (part[..., a] for a in range(3))
-    faces = corners[..., 0, :, :] * (1.0 - x)[..., None, None] + corners[..., 1, :, :] * x[..., None, None]
-    edges = faces[..., 0, :] * (1.0 - y)[..., None] + faces[..., 1, :] * y[..., None]
-    return edges[..., 0] * (1.0 - z) + edges[..., 1] * z
+def _cubic(corners: list[float], entry: list[float], travel: list[float]) -> Cubic:
+    """Trilinear density on the way from ``entry`` by ``travel``, both from the first of a cell's eight corners."""
+    d000, d001, d010, d011, d100, d101, d110, d111 = corners
+    (x, y, z), (u, v, w) = entry, travel
+    # Density is d000 + a x + b y + c z + ab x y + ac x z + bc y z + abc x y z.
+    a, b, c = d100 - d000, d010 - d000, d001 - d000
+    ab, ac, bc = d110 - d100 - b, d101 - d100 - c, d011 - d010 - c
+    abc = d111 - d110 - d101 + d100 - bc
+    along_x, along_y, along_z = a + ab * y + (ac + abc * y) * z, b + ab * x + (bc + abc * x) * z, c + ac * x + bc * y
+    return (
+        d000 + x * along_x + y * (b + bc * z) + z * c,
+        u * along_x + v * along_y + w * (along_z + abc * x * y),
+        u * v * (ab + abc * z) + u * w * (ac + abc * y) + v * w * (bc + abc * x),
+        u * v * w * abc,
+    )
 
 
-def _cubic(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Values of cubics with ``coefficients`` (..., 4), constant first."""
-    a, b, c, d = (coefficients[..., k] for k in range(4))
+def _value(cubic: Cubic, at: float) -> float:
+    a, b, c, d = cubic
     return a + at * (b + at * (c + at * d))
 
 
-def _turning_points(cubics: np.ndarray) -> np.ndarray:
-    """0, where each of cubics (n, 4) turns within 0 to 1, and 1, in order, as (n, 4): between two it does not turn."""
-    b, c, d = cubics[:, 1], cubics[:, 2], cubics[:, 3]
-    turns = np.zeros((len(cubics), 4))
-    turns[:, 3] = 1.0
-    q = -(c + np.copysign(np.sqrt(np.maximum(c * c - 3.0 * b * d, 0.0)), c))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turns[:, 1:3] = np.sort(np.nan_to_num(np.stack([q / (3.0 * d), b / q], axis=1)).clip(0.0, 1.0), axis=1)
-    return turns
+def _turning_points(cubic: Cubic) -> list[float]:
+    """Where within 0 to 1 a cubic turns, in order: between two it only rises or only falls."""
+    _, b, c, d = cubic
+    q = -(c + copysign(sqrt(max(c * c - 3.0 * b * d, 0.0)), c))
+    turns = [p / r for p, r in ((q, 3.0 * d), (b, q)) if r]
+    return sorted(at for at in turns if 0.0 < at < 1.0)
