@@ -27,6 +27,12 @@ SHELL = 0.5
 NEGLIGIBLE = np.float32(1e-4)
 """Flux below this at an edge of the window is folded inward, never dropped."""
 
+LEAST_GIVEN = 1e-5
+"""Density above its level below which a voxel gives nothing to a pull: it is rounding."""
+
+LEAST_BEHIND = 1e-5
+"""Share of the mass in the tool and its reach below which what is in the reach alone is rounding."""
+
 _WEIGHT_UNIT = 2.0**-24
 
 
@@ -88,6 +94,43 @@ def empty(work: Workspace, axis: int, wanted: float, packed: bool) -> None:
         )
     else:
         _empty_numpy(work, wanted, packed)
+
+
+def density_behind(work: Workspace, direction: Vector) -> float:
+    """The density that the mass behind the tool has along unit vector ``direction``; 0 where there is none.
+
+    It is sum of w d^2 over sum of w d in the reach, with the weights (1 - p.u / front)^16: air does not count, and what
+    is beside or ahead of the tool counts where nothing is behind it. So neither what has been pulled out already nor
+    what it has left behind in a drag changes what a pull goes by.
+    """
+    front = _front(work.surroundings, direction) + 0.5
+    sums = (c_double * 4)()
+    if work.library:
+        along = (c_double * 3)(*direction)
+        work.library.repousse_behind(
+            byref(work.grid), byref(work.tool), along, c_double(front), work.sweep.row, byref(sums)
+        )
+    else:
+        sums = (c_double * 4)(*_behind_numpy(work, direction, front))
+    both, both_squared, tool, tool_squared = sums
+    if both - tool <= LEAST_BEHIND * both:
+        return 0.0
+    return min((both_squared - tool_squared) / (both - tool), 1.0)
+
+
+def loosen(work: Workspace, axis: int, dense: float, strength: float) -> None:
+    """Take from each voxel of the tool what it has above its level, ``dense`` (1 - w ``strength``).
+
+    So it is emptied from the fullest down and nothing is hollowed out: the mirror image of compaction. The level
+    follows the coverage w, so a tool that passes a voxel of its skin twice finds nothing more to take.
+    """
+    work.lay_box(axis)
+    if work.library:
+        work.library.repousse_loosen(
+            byref(work.grid), byref(work.tool), c_double(dense), c_double(strength), byref(work.emptied)
+        )
+    else:
+        _loosen_numpy(work, dense, strength)
 
 
 def put_back(work: Workspace, amount: float) -> None:
@@ -163,7 +206,6 @@ def _shells(work: Workspace, distance: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _empty_numpy(work: Workspace, wanted: float, packed: bool) -> None:
-    emptied, order = work.emptied, ORDERS[work.emptied.axis]
     box, offsets = box_around(work.volume, work.tool.centre[:], work.density.shape)
     density = work.density[box].astype(np.float64)
     distance = work.volume.distance(*offsets)
@@ -172,6 +214,31 @@ def _empty_numpy(work: Workspace, wanted: float, packed: bool) -> None:
     shell, count = _shells(work, distance)
     last, part = _cut(np.bincount(shell.ravel(), (covered * available).ravel(), count), wanted)
     taken = (np.where(shell > last, 1.0, np.where(shell == last, part, 0.0)) * available).astype(np.float32)
+    _take_numpy(work, taken)
+
+
+def _behind_numpy(work: Workspace, direction: Vector, front: float) -> list[float]:
+    sums = []
+    for shape in (work.surroundings, work.volume):
+        box, offsets = box_around(shape, work.tool.centre[:], work.density.shape)
+        behind = (1.0 - sum(u * offset for u, offset in zip(direction, offsets, strict=True)) / front) ** 16
+        weighed = shape.coverage(*offsets) * behind * work.density[box]
+        sums += [float(weighed.sum()), float((weighed * work.density[box]).sum())]
+    return sums
+
+
+def _loosen_numpy(work: Workspace, dense: float, strength: float) -> None:
+    box, offsets = box_around(work.volume, work.tool.centre[:], work.density.shape)
+    covered = work.volume.coverage(*offsets)
+    above = work.density[box].astype(np.float64) - dense * (1.0 - covered * strength)
+    _take_numpy(work, np.where((covered > 0.0) & (above > LEAST_GIVEN), above, 0.0).astype(np.float32))
+
+
+def _take_numpy(work: Workspace, taken: np.ndarray) -> None:
+    """Take mass from the voxels around the tool (those of `box_around`) into the record."""
+    emptied, order = work.emptied, ORDERS[work.emptied.axis]
+    box, offsets = box_around(work.volume, work.tool.centre[:], work.density.shape)
+    density, covered = work.density[box].astype(np.float64), work.volume.coverage(*offsets)
     emptied.tool_loss = float((covered * taken).sum())
     emptied.reach_loss = float(((work.surroundings.coverage(*offsets) - covered) * taken).sum())
     touched = np.nonzero(taken)

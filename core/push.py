@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import ceil, dist, hypot, inf, isfinite, nan
 from numbers import Real
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import dispersion, rim
+from . import smooth as smoothing
 from .grid import BRICK, Box, DensityGrid, union
 from .history import History
 from .material import Material, largest_yield_ratio
@@ -85,8 +87,9 @@ class Push:
     wake
         Tool radii behind the tool that the rim keeps clear.
     verb
-        "push"; "pull": material comes out along the direction that a move gives, and what is left is looser by the
-        move's strength; "smooth": density evens out inside the tool.
+        "push"; "pull": material comes out of the tool along the direction that a move gives, until what is left has a
+        density lower than that around it by the move's strength, always by sweeps and without a band; "smooth": density
+        evens out inside the tool, once for each quarter radius of travel.
 
     Poses and dirty boxes stay in the index frame that the grid had when the push was made; :attr:`origin` is where the
     first voxel of the grid lies in that frame. Several pushes may share a grid: each follows when
@@ -125,10 +128,12 @@ class Push:
         if not grid.density.any():
             raise ValueError("the grid is empty: no voxel has any density to push")
         self.grid, self.material, self.verb = grid, material, verb
-        self.method, self.border, self.band, self.rim, self.wake = method, border, band, rim, wake
+        self.method, self.border, self.rim, self.wake = method, border, rim, wake
+        self.band = band if verb == "push" else None
         self.epoch = 0
         self._frame = self._grown = grid.grown
         self._strength = 1.0
+        self._given: Vector | None = None  # direction of the present move
         self._aimed: tuple | None = None  # what the sweeps are made ready for
         self._work = Workspace(grid.density)
         self._take_up(tool)
@@ -138,7 +143,7 @@ class Push:
     @property
     def origin(self) -> tuple[int, int, int]:
         """Where the grid's first voxel lies in the frame of the poses."""
-        (x, y, z), (i, j, k) = self._frame, self._grown
+        (x, y, z), (i, j, k) = self._frame, self.grid.grown
         return x - i, y - j, z - k
 
     @property
@@ -153,7 +158,7 @@ class Push:
 
     def _warn_if_unyielding(self) -> None:
         bound = largest_yield_ratio(self.tool)
-        if self.material.yield_ratio >= bound:
+        if self.verb == "push" and self.material.yield_ratio >= bound:
             warnings.warn(
                 f"this material may never yield: yield_ratio {self.material.yield_ratio:g} is not below {bound:.3g}, "
                 "the bound of this tool and reach in uniform material",
@@ -170,6 +175,7 @@ class Push:
         # leaves the reach. It rises at once and falls slowly, so that no step moves more than it should; with it one
         # sweep mostly meets sigma_f, without it 1.7 do.
         self._gain = 1.0
+        self._unsmoothed = inf  # voxels of travel since the last smoothing
         self._contact = Contact(Regime.NONE, 0.0, 0.0, np.zeros(3))
 
     def move_to(
@@ -240,7 +246,6 @@ class Push:
         history.detach(self._work)
         self.carry = carry
         self._notice_growth()
-        self.epoch += self.epoch % 2
         self.lift()
 
     @property
@@ -286,20 +291,22 @@ class Push:
         if position == self._solved:  # at rest nothing creeps
             return Contact(former.regime, former.stress, former.yield_stress, former.force, residual=former.residual)
         work.tool.centre[:] = [p - o for p, o in zip(position, self.origin, strict=True)]
+        travel = dist(position, self._position) if self._position is not None else 0.0
         self._position = self._solved = position
         estimate(work)
         masses = work.estimate
-        stress, yield_stress = self.k_t * masses.tool_mass, self.k_s * masses.reach_mass
+        stress, yield_stress = self._stresses()
         if stress <= 0.0 or self._turned_at is None:
             self._turned_at = position
         normal = contact_normal((masses.gradient[0], masses.gradient[1], masses.gradient[2]))
-        moved = None
-        if overloaded(stress, yield_stress):
-            self._direction = self._push_direction(position, self._turned_at, normal)
-            if self._direction is not None:
-                moved = self._relax(self._direction)
-                stress, yield_stress = self.k_t * masses.tool_mass, self.k_s * masses.reach_mass
-                self._turned_at = position
+        if self.verb == "smooth":
+            moved = self._smooth(travel)
+        elif self.verb == "pull" or overloaded(stress, yield_stress):
+            moved = self._move_density(position, self._turned_at, normal)
+        else:
+            moved = None
+        if moved is not None:
+            stress, yield_stress = self._stresses()
         regime = regime_of(stress, moved is not None, former.stress, former.regime)
         force = felt_force(stress, yield_stress, normal, self._direction)
         residual = max(0.0, stress - yield_stress) if moved is not None else 0.0
@@ -317,6 +324,22 @@ class Push:
             moved.dirty,
         )
         return self._contact
+
+    def _stresses(self) -> tuple[float, float]:
+        """sigma and sigma_f in newtons. What is pulled or smoothed moves as it is told: it holds what it bears."""
+        masses = self._work.estimate
+        stress, yield_stress = self.k_t * masses.tool_mass, self.k_s * masses.reach_mass
+        return stress, yield_stress if self.verb == "push" else max(stress, yield_stress)
+
+    def _move_density(self, position: Vector, turned_at: Vector, normal: Vector) -> _Moved | None:
+        """Disperse or draw out what is too much in the tool, if it is known whither."""
+        direction = self._push_direction(position, turned_at, normal)
+        if direction is None:
+            return None
+        moved = self._draw_out(direction) if self.verb == "pull" else self._relax(direction)
+        if moved is not None:
+            self._direction, self._turned_at = direction, position
+        return moved
 
     def _push_direction(self, position: Vector, turned_at: Vector, normal: Vector) -> Vector | None:
         """u: the direction given; else the displacement since the last dispersion, the previous u, or into the contact
@@ -344,19 +367,13 @@ class Push:
         while moved.sweeps < MOST_SWEEPS:
             excess = masses.tool_mass - kappa * masses.reach_mass
             wanted = excess / (1.0 + kappa * gain)
-            self._take_off()
-            dispersion.empty(work, axis, wanted, packed)
-            if work.emptied.mass <= 0.0:
-                self._land()
-                break
-            all_given = packed and work.emptied.tool_loss < GIVEN * wanted  # its voxels' free parts hold the rest
             tool_mass, reach_mass = masses.tool_mass, masses.reach_mass
-            returned = self._disperse(direction, axis, moved)
-            moved.sweeps += 1
-            moved.mass += work.emptied.mass - returned
-            moved.blocked |= returned > BLOCKED * work.emptied.mass
-            dispersion.forget_emptied(work)
-            self._land()
+            with self._in_flight():
+                dispersion.empty(work, axis, wanted, packed)
+                if work.emptied.mass <= 0.0:
+                    break
+                all_given = packed and work.emptied.tool_loss < GIVEN * wanted  # its voxels' free parts hold the rest
+                self._disperse(direction, axis, moved)
             lost = tool_mass - masses.tool_mass
             if all_given or lost <= 1e-6 * tool_mass:
                 break
@@ -372,13 +389,44 @@ class Push:
             dispersion.aim(self._work, direction, axis, BORDERS.index(self.border), self.band)
             self._aimed = aimed
 
-    def _take_off(self) -> None:
-        self.epoch = (self.epoch + 1) | 1
+    def _draw_out(self, direction: Vector) -> _Moved | None:
+        """Pull: what the tool's voxels hold above their level goes along ``direction``, out of the material."""
+        work, moved, axis = self._work, _Moved(), dispersion.dominant_axis(direction)
+        dense = dispersion.density_behind(work, direction)
+        if self._strength <= 0.0 or dense <= 0.0:
+            return None
+        self._aim(direction, axis)
+        with self._in_flight():
+            dispersion.loosen(work, axis, dense, self._strength)
+            if work.emptied.mass <= 0.0:
+                return None
+            self._disperse(direction, axis, moved)
+        return moved
 
-    def _land(self) -> None:
+    def _smooth(self, travel: float) -> _Moved | None:
+        """Smooth once for each `smooth.TRAVEL` radii of travel, and once where the contact begins."""
+        work, step = self._work, smoothing.TRAVEL * self.tool.radius
+        begins = self._unsmoothed == inf
+        self._unsmoothed += min(travel, LONGEST_STEP)  # a jump through air smooths nothing
+        times = 1 if begins else int(self._unsmoothed / step)
+        if not times or self._strength <= 0.0 or work.estimate.tool_mass <= 0.0:
+            return None
+        self._unsmoothed = 0.0 if begins else self._unsmoothed - times * step
+        with self._in_flight():
+            mass = smoothing.smooth(work, self._strength, times * smoothing.passes_of(self.tool))
+        estimate(work)
+        return _Moved(mass, dirty=self._in_pose_frame(box_from(work.sweep.dirty)))
+
+    @contextmanager
+    def _in_flight(self) -> Iterator[None]:
+        """While mass is in flight, the epoch is odd."""
         self.epoch += 1
+        try:
+            yield
+        finally:
+            self.epoch += 1
 
-    def _disperse(self, direction: Vector, axis: int, moved: _Moved) -> float:
+    def _disperse(self, direction: Vector, axis: int, moved: _Moved) -> None:
         """Sweep what was emptied, raise what the band turns back, return what finds no room; M_t and M_s follow."""
         work = self._work
         masses, emptied, sweep = work.estimate, work.emptied, work.sweep
@@ -400,24 +448,21 @@ class Push:
         moved.out += sweep.mass_out
         for box in (self._emptied_box(axis), box_from(sweep.dirty), box_from(work.rim.dirty)):
             moved.dirty = union(moved.dirty, self._in_pose_frame(box))
-        return left
+        moved.sweeps += 1
+        moved.mass += emptied.mass - left
+        moved.blocked |= left > BLOCKED * emptied.mass
+        dispersion.forget_emptied(work)
 
     def _relax_recursively(self, direction: Vector) -> _Moved:
-        work = self._work
-        self._take_off()
-        while True:
-            outcome = disperse_recursively(
-                work,
-                np.array(direction),
-                self.material.yield_ratio,
-                outside="keep" if self.border == "wall" else "leave",
-            )
-            if self.border != "grow" or not outcome.mass_out:
-                break
-            work.density[:] = outcome.before  # it ran over the border: make the grid larger, and run again
-            self._grow((1, 1, 1), (1, 1, 1))
-            estimate(work)
-        self._land()
+        work, outside = self._work, "keep" if self.border == "wall" else "leave"
+        with self._in_flight():
+            while True:
+                outcome = disperse_recursively(work, np.array(direction), self.material.yield_ratio, outside)
+                if self.border != "grow" or not outcome.mass_out:
+                    break
+                work.density[:] = outcome.before  # it ran over the border: make the grid larger, and run again
+                self._grow((1, 1, 1), (1, 1, 1))
+                estimate(work)
         blocked = outcome.kept > BLOCKED * outcome.emptied
         return _Moved(outcome.emptied - outcome.kept, outcome.mass_out, blocked, 1, self._in_pose_frame(outcome.dirty))
 
@@ -511,7 +556,7 @@ def _checked(position: Iterable[float]) -> Vector:
 
 
 def _checked_strength(strength: float) -> float:
-    if not (isinstance(strength, Real) and 0.0 <= float(strength) <= 1.0):
+    if not (_is_length(strength) and strength <= 1.0):
         raise ValueError(f"a strength is a number from 0 to 1, not {strength!r}")
     return float(strength)
 

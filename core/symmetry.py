@@ -136,10 +136,10 @@ class SymmetricPush:
         """
         place = tuple(position)
         flow = None if direction is None else vector(direction)
-        met = [
-            push.move_to(self._mirrored_place(place, turn), radius, continuous, _turned(flow, turn), strength)
-            for push, turn in zip(self.pushes, self._turns, strict=True)
-        ]
+        met = []
+        for push, turn in zip(self.pushes, self._turns, strict=True):
+            there = None if flow is None else _turned(flow, turn)
+            met.append(push.move_to(self._mirrored_place(place, turn), radius, continuous, there, strength))
         return dataclasses.replace(
             met[0],
             moved_mass=sum(contact.moved_mass for contact in met),
@@ -177,8 +177,8 @@ class SymmetricPush:
         return tuple(p if sign > 0.0 else 2.0 * c - p for p, c, sign in zip(place, self.centre, turn, strict=True))
 
 
-def _turned(flow: Vector | None, turn: Vector) -> Vector | None:
-    return None if flow is None else vector(f * sign for f, sign in zip(flow, turn, strict=True))
+def _turned(flow: Vector, turn: Vector) -> Vector:
+    return vector(f * sign for f, sign in zip(flow, turn, strict=True))
 
 
 def _mirrored_tool(tool: Tool, turn: Vector) -> Tool:

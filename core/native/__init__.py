@@ -38,11 +38,12 @@ def _open(path: Path) -> ctypes.CDLL:
     library.repousse_abi.restype = ctypes.c_int64
     if library.repousse_abi() != FINGERPRINT:
         raise OSError(f"{path.name} was built from another version of kernels.c: run make setup, or install again")
-    for name in ("estimate", "empty", "clear", "put_back", "rim_sources", "recursive"):
+    for name in ("estimate", "empty", "behind", "loosen", "clear", "put_back", "rim_sources", "recursive"):
         getattr(library, f"repousse_{name}").restype = None
     for name in ("sweep", "rim_gather"):
         getattr(library, f"repousse_{name}").restype = ctypes.c_int64
-    library.repousse_rim_place.restype = ctypes.c_double
+    for name in ("rim_place", "smooth"):
+        getattr(library, f"repousse_{name}").restype = ctypes.c_double
     return library
 
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// The material's kernels (DESIGN 3): estimate, empty, sweep, put_back, rim. Each has a numpy twin beside its caller in
+// The material's kernels (DESIGN 3): estimate, empty, loosen, sweep, put_back, rim, smooth. Each has a numpy twin beside its caller in
 // core/, which does the same operations in the same order and type; tests hold the two together. The callers own all
 // memory; nothing here allocates.
 //
@@ -38,8 +38,9 @@
 #define CLUSTERS 9         // clusters of emptied material along each axis
 #define MAX_POINTS (CLUSTERS * CLUSTERS * CLUSTERS)
 #define CLUSTERS_IN_RADIUS 2.5
-#define STRETCH 32 // voxels of a row that are looked at together for a surface
-#define LANES 8    // running sums that the compiler may turn into vectors
+#define LEAST_GIVEN 1e-5 // density above its level below which a voxel gives nothing to a pull: it is rounding
+#define STRETCH 32       // voxels of a row that are looked at together for a surface
+#define LANES 8          // running sums that the compiler may turn into vectors
 
 #define FRAME 2 // zeros around the flux
 
@@ -544,6 +545,39 @@ static int64_t list_occupied(const Grid *g, const Tool *t, int64_t shells, Occup
     return count;
 }
 
+static void nothing_emptied(Emptied *e) {
+    for (int i = 0; i < 3; i++) {
+        e->first[i] = INT64_MAX;
+        e->last[i] = INT64_MIN;
+    }
+    e->mass = e->tool_loss = e->reach_loss = 0.0;
+}
+
+// Take mass from one of the tool's voxels into the record; returns where it is recorded.
+static float *take(Grid *g, const Tool *t, const Frame *f, Emptied *e, const Occupied *o, float taken) {
+    float *d = g->density + o->index;
+    const double w = o->covered, former = (double)*d;
+    int64_t at[3];
+    voxel_at(g, o->index, at);
+    keep_box(g, at[0], at[0] + 1, at[1], at[1] + 1, at[2], at[2] + 1);
+    *d = (float)(former - (double)taken);
+    e->carry += former - (double)*d - (double)taken;
+    e->mass += (double)taken;
+    e->tool_loss += w * (double)taken;
+    // A voxel wholly in the tool is wholly in the tool and its reach together.
+    const double around = w >= 1.0 ? 1.0
+                                   : coverage(&t->surroundings, (double)at[0] - t->centre[0],
+                                              (double)at[1] - t->centre[1], (double)at[2] - t->centre[2]);
+    e->reach_loss += (around - w) * (double)taken;
+    float *record = emptied_at(e, at[f->axis[0]], at[f->axis[1]], at[f->axis[2]]);
+    *record = taken;
+    for (int slot = 0; slot < 3; slot++) {
+        e->first[slot] = least(e->first[slot], at[f->axis[slot]]);
+        e->last[slot] = most(e->last[slot], at[f->axis[slot]] + 1);
+    }
+    return record;
+}
+
 // Take mass from the innermost shells of the tool until M_t has fallen by `wanted` (paper 7, steps 2 and 4).
 EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed, Emptied *e) {
     const Frame f = frame_of(g, t, e->axis);
@@ -555,38 +589,62 @@ EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed
         mass[o->shell] += o->covered * available(g->density[o->index], o->covered, packed);
     }
     const Cut cut = cut_for(mass, shells, wanted);
-    for (int i = 0; i < 3; i++) {
-        e->first[i] = INT64_MAX;
-        e->last[i] = INT64_MIN;
-    }
-    e->mass = e->tool_loss = e->reach_loss = 0.0;
+    nothing_emptied(e);
     float *largest = NULL;
     for (int64_t q = 0; q < count; q++) {
         const Occupied *o = e->occupied + q;
         if (o->shell < cut.last) continue;
-        float *d = g->density + o->index;
-        const double w = o->covered, former = (double)*d;
-        const float taken = (float)((o->shell > cut.last ? 1.0 : cut.part) * available(*d, w, packed));
+        const double part = o->shell > cut.last ? 1.0 : cut.part;
+        const float taken = (float)(part * available(g->density[o->index], o->covered, packed));
         if (taken <= 0.0f) continue;
-        int64_t at[3];
-        voxel_at(g, o->index, at);
-        keep_box(g, at[0], at[0] + 1, at[1], at[1] + 1, at[2], at[2] + 1);
-        *d = (float)(former - (double)taken);
-        e->carry += former - (double)*d - (double)taken;
-        e->mass += (double)taken;
-        e->tool_loss += w * (double)taken;
-        // A voxel wholly in the tool is wholly in the tool and its reach together.
-        const double around = w >= 1.0 ? 1.0
-                                       : coverage(&t->surroundings, (double)at[0] - t->centre[0],
-                                                  (double)at[1] - t->centre[1], (double)at[2] - t->centre[2]);
-        e->reach_loss += (around - w) * (double)taken;
-        float *record = emptied_at(e, at[f.axis[0]], at[f.axis[1]], at[f.axis[2]]);
-        *record = taken;
+        float *record = take(g, t, &f, e, o, taken);
         if (!largest || taken > *largest) largest = record;
-        for (int slot = 0; slot < 3; slot++) {
-            e->first[slot] = least(e->first[slot], at[f.axis[slot]]);
-            e->last[slot] = most(e->last[slot], at[f.axis[slot]] + 1);
+    }
+    if (largest) send_carry(e, largest);
+}
+
+// Sums of d and of d^2 over the tool with its reach (0, 1) and over the tool alone (2, 3), each voxel weighed by how far
+// behind the tool it is: (1 - p.u / front)^16, which is 0 straight ahead. `row` is scratch.
+EXPORT void repousse_behind(const Grid *g, const Tool *t, const double u[3], double front, float *row, double sums[4]) {
+    const Shape *shapes[2] = {&t->surroundings, &t->volume};
+    const double z = t->centre[2];
+    int64_t low[3], high[3], first, last;
+    box_of(&t->surroundings, t->centre, g->shape, low, high);
+    for (int q = 0; q < 4; q++) sums[q] = 0.0;
+    for (int64_t i = low[0]; i < high[0]; i++) {
+        const double x = (double)i - t->centre[0];
+        rows_of(&t->surroundings, t->centre, i, g->shape[1], &first, &last);
+        for (int64_t j = first; j < last; j++) {
+            const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
+            const double y = (double)j - t->centre[1];
+            const float at = (float)(1.0 - (x * u[0] + y * u[1] - z * u[2]) / front), slope = (float)(u[2] / front);
+            for (int64_t k = low[2]; k < high[2]; k++) {
+                float behind = at - slope * (float)k;
+                for (int squared = 0; squared < 4; squared++) behind *= behind;
+                row[k] = behind * d[k];
+            }
+            for (int q = 0; q < 4; q++) {
+                if (q == 2)
+                    for (int64_t k = low[2]; k < high[2]; k++) row[k] *= d[k];
+                sums[q / 2 + q % 2 * 2] += covered_sum(shapes[q % 2], x, y, z, low[2], high[2], row);
+            }
         }
+    }
+}
+
+// Take from each voxel of the tool what it has above its level, dense (1 - w strength): the fullest give most, none is
+// hollowed out, and a tool that passes twice finds nothing more to take.
+EXPORT void repousse_loosen(Grid *g, const Tool *t, double dense, double strength, Emptied *e) {
+    const Frame f = frame_of(g, t, e->axis);
+    const int64_t count = list_occupied(g, t, shell_count(t), e->occupied);
+    nothing_emptied(e);
+    float *largest = NULL;
+    for (int64_t q = 0; q < count; q++) {
+        const Occupied *o = e->occupied + q;
+        const double above = (double)g->density[o->index] - dense * (1.0 - o->covered * strength);
+        if (above <= LEAST_GIVEN) continue;
+        float *record = take(g, t, &f, e, o, (float)above);
+        if (!largest || *record > *largest) largest = record;
     }
     if (largest) send_carry(e, largest);
 }
@@ -1403,6 +1461,64 @@ EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) 
         left += spill_over(g, t, r);
     }
     return left;
+}
+
+// Smooth (core/smooth.py).
+
+// What six neighbours bring to a voxel, for each unit of what is exchanged. Opposite ones are added first, so that mirror
+// images are the same to the last bit.
+static double brought(const float *d, const float *w, int64_t plane, int64_t row) {
+    const double here = (double)d[0];
+    const double x = (double)w[-plane] * ((double)d[-plane] - here) + (double)w[plane] * ((double)d[plane] - here);
+    const double y = (double)w[-row] * ((double)d[-row] - here) + (double)w[row] * ((double)d[row] - here);
+    const double z = (double)w[-1] * ((double)d[-1] - here) + (double)w[1] * ((double)d[1] - here);
+    return (x + y) + z;
+}
+
+// Passes of diffusion inside the tool: neighbours with coverages v, w exchange `share` v w of their difference, so no
+// mass is made or lost, and none crosses the tool's skin or the grid's border. The box of `e` is in grid order; its
+// buffer and its list are scratch, zero again when this returns. Returns the mass that was exchanged.
+EXPORT double repousse_smooth(Grid *g, const Tool *t, double share, int64_t passes, Emptied *e, int64_t dirty[6]) {
+    const int64_t row = e->n[2], plane = e->n[1] * row;
+    float *former = e->buffer, *weights = (float *)e->occupied;
+    int64_t low[3], high[3];
+    double exchanged = 0.0;
+    memset(weights, 0, (size_t)(e->n[0] * plane) * sizeof(float));
+    for (int a = 0; a < 3; a++) {
+        low[a] = within(e->low[a], 0, g->shape[a]);
+        high[a] = within(e->low[a] + e->n[a], 0, g->shape[a]);
+    }
+    for (int64_t pass = -1; pass < passes; pass++) { // before the first the tool is weighed, and before-images kept
+        for (int64_t i = low[0]; pass >= 0 && i < high[0]; i++)
+            for (int64_t j = low[1]; j < high[1]; j++)
+                memcpy(former + (i - e->low[0]) * plane + (j - e->low[1]) * row + (low[2] - e->low[2]),
+                       g->density + (i * g->shape[1] + j) * g->shape[2] + low[2],
+                       (size_t)most(0, high[2] - low[2]) * sizeof(float));
+        for (int64_t i = low[0]; i < high[0]; i++)
+            for (int64_t j = low[1]; j < high[1]; j++) {
+                const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = t->centre[2];
+                const Span span = row_span(&t->volume, x, y, z, g->shape[2]);
+                if (span.low >= span.high) continue;
+                const int64_t at = (i - e->low[0]) * plane + (j - e->low[1]) * row - e->low[2];
+                if (pass < 0) {
+                    for (int64_t k = span.low; k < span.high; k++)
+                        weights[at + k] = (float)coverage(&t->volume, x, y, (double)k - z);
+                    keep_box(g, i, i + 1, j, j + 1, span.low, span.high);
+                    continue;
+                }
+                float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
+                double changed = 0.0;
+                for (int64_t k = span.low; k < span.high; k++) {
+                    const float *here = former + at + k, *w = weights + at + k;
+                    d[k] = (float)((double)*here + share * (double)*w * brought(here, w, plane, row));
+                    changed += fabs((double)d[k] - (double)*here);
+                }
+                if (changed > 0.0) mark_dirty(dirty, i, i + 1, j, j + 1, span.low, span.high);
+                exchanged += changed / 2.0;
+            }
+    }
+    memset(former, 0, (size_t)(e->n[0] * plane) * sizeof(float));
+    return exchanged;
 }
 
 // The paper's recursion, literally (core/recursion.py).
