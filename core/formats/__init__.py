@@ -14,15 +14,17 @@ from types import ModuleType
 import numpy as np
 
 from ..grid import DensityGrid
-from . import pvm, vdb
+from . import layout, pvm, vdb
 from .base import MAX_VOXELS, EmptyVolumeError, FormatError, GridInfo, Volume
 from .normalise import Window, to_grid
+from .revision import VolumeFile
 
 __all__ = [
     "MAX_VOXELS",
     "EmptyVolumeError",
     "FormatError",
     "GridInfo",
+    "VolumeFile",
     "describe",
     "list_grids",
     "read_volume",
@@ -132,6 +134,6 @@ def _format(path: Path) -> ModuleType:
         raise FormatError(f"{path}: cannot be read: {error.strerror or error}") from error
     if start.startswith(pvm.MAGICS):
         return pvm
-    if start == vdb.MAGIC:
+    if start == layout.MAGIC:
         return vdb
     raise FormatError(f"{path}: is empty" if not start else f"{path}: is neither a PVM nor an OpenVDB file")

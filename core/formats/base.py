@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,8 @@ class Volume:
 
     ``values`` is (nx, ny, nz) of any real dtype; ``transform`` (4, 4) takes the array's indices to the world, and its
     voxels need not be cubes; ``window`` is the (lo, hi) that the format itself gives, None where the values must
-    tell; ``background`` is what the file says lies outside its values: empty space.
+    tell; ``background`` is what the file says lies outside its values: empty space. ``own`` is OpenVDB's grid where
+    Repoussé wrote it: its indices are then those of the array.
     """
 
     path: Path
@@ -86,6 +88,7 @@ class Volume:
     window: tuple[float, float] | None = None
     background: float = 0.0
     notes: list[str] = field(default_factory=list)
+    own: Any = None
 
 
 def select(infos: Sequence[GridInfo], grid: str | int | None, path: Path) -> GridInfo:

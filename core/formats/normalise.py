@@ -40,6 +40,8 @@ def to_grid(volume: Volume, window: Window | None) -> DensityGrid:
     density, transform, resampled = cubed(density, volume.transform, str(volume.path))
     if resampled:
         notes.append(resampled)
+    if (lo, hi) != (0.0, 1.0) or low < 0.0 or high > 1.0 or broken is not None or resampled:
+        volume.own = None  # it does not hold these densities
     metadata = volume.info.metadata | {"source": volume.path.name, "window": f"{lo:.9g}:{hi:.9g}"}
     return DensityGrid(density, transform, volume.info.name, metadata, notes, copy=False)
 

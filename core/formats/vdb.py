@@ -1,29 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """OpenVDB files, through the OpenVDB that Blender brings along: the only module of the core that imports bpy, and late.
 
-OpenVDB trusts a file: it reads a cut one without a word, fills gigabytes for a length that lies, and follows counts to
-wherever they lead. So this module first walks the file's directory itself (names, metadata, transform, the
-counts at the root of each tree, where each grid ends) and lets OpenVDB have only what is consistent.
+OpenVDB trusts a file, so `layout` walks it first, and OpenVDB is given only what is consistent.
 """
 
 from __future__ import annotations
 
 import importlib
-import os
-import struct
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..grid import DensityGrid
+from ..grid import Box, DensityGrid
 from .base import GENERATOR, MAX_VOXELS, EmptyVolumeError, FormatError, GridInfo, Volume, replacing, select
-
-MAGIC = struct.pack("<q", 0x56444220)
+from .layout import SCALARS, Part, lay_out, value_type
 
 SHAPE = "repousse_shape"
 """Metadata that keeps the array's shape: OpenVDB drops empty borders, but poses and strokes count from the corner."""
@@ -31,63 +26,14 @@ SHAPE = "repousse_shape"
 FARTHEST = 1 << 30
 """Indices from here on are refused: OpenVDB adds two of them as 32 bits when it copies, then crashes or never ends."""
 
-_SCALARS = {"float": 4, "double": 8, "int32": 4, "int64": 8, "bool": 1}  # bytes of a value
-_MAPS = {  # float64 numbers of a linear map, and where among them its translation and its scale begin
-    "UniformScaleMap": (15, None, 0),
-    "ScaleMap": (15, None, 0),
-    "UniformScaleTranslateMap": (18, 0, 3),
-    "ScaleTranslateMap": (18, 0, 3),
-    "TranslationMap": (3, 0, None),
-    "AffineMap": (16, None, None),
-    "UnitaryMap": (16, None, None),
-}
-_NUMBERS = {"int32": "<i", "int64": "<q", "float": "<f", "double": "<d", "bool": "<?"}
 _OPENVDB_OWN = ("class", "name", "value_type", "vector_type", "is_", "file_", "generator", "creator", SHAPE)
-_ROOT_CHILD = 12 + 2 * 32**3 // 8  # bytes that each child of a root takes at the least: its place and its two masks
 
 
 class _Entry(NamedTuple):
-    """A grid in a file's directory; ``unique`` is the name that OpenVDB finds it by."""
+    """A grid in a file's directory."""
 
     info: GridInfo
-    unique: str
-    metadata: dict[str, Any]
-
-
-class _Walk:
-    """Reads little-endian values from a file and never past ``end``."""
-
-    def __init__(self, path: Path, file: BinaryIO) -> None:
-        self.path, self.file, self.at, self.end = path, file, 0, file.seek(0, os.SEEK_END)
-
-    def bytes(self, count: int) -> bytes:
-        if not 0 <= count <= self.end - self.at:
-            raise self.damaged(f"{count} bytes are expected at byte {self.at}, but {self.end - self.at} are there")
-        self.file.seek(self.at)
-        self.at += count
-        return self.file.read(count)
-
-    def number(self, code: str) -> Any:
-        return struct.unpack(code, self.bytes(struct.calcsize(code)))[0]
-
-    def text(self) -> str:
-        return self.bytes(self.number("<I")).decode(errors="replace")
-
-    def metadata(self) -> dict[str, Any]:
-        """A map of named, typed values; of the types, texts, numbers and triples of them are understood."""
-        found: dict[str, Any] = {}
-        for _ in range(self.number("<I")):
-            name, kind, data = self.text(), self.text(), self.bytes(self.number("<I"))
-            if kind == "string":
-                found[name] = data.decode(errors="replace")
-            elif kind in _NUMBERS and len(data) == struct.calcsize(_NUMBERS[kind]):
-                found[name] = struct.unpack(_NUMBERS[kind], data)[0]
-            elif kind == "vec3i" and len(data) == 12:
-                found[name] = struct.unpack("<3i", data)
-        return found
-
-    def damaged(self, what: str) -> FormatError:
-        return FormatError(f"{self.path}: damaged: {what}")
+    part: Part
 
 
 def read(path: Path, grid: str | int | None) -> Volume:
@@ -100,11 +46,11 @@ def read(path: Path, grid: str | int | None) -> Volume:
     info = select([entry.info for entry in entries], grid, path)
     openvdb = _openvdb(path)
     with _refusals(openvdb, path, "cannot be read"):
-        found = openvdb.read(str(path), entries[info.index].unique)
+        found = openvdb.read(str(path), entries[info.index].part.asked)
         if found.empty() or not found.activeVoxelCount():
             raise EmptyVolumeError(f"{path}: grid {info.key!r} holds nothing: it has no active voxels")
         low, high = (np.array(corner, np.int64) for corner in found.evalActiveVoxelBoundingBox())
-        written = _written_shape(entries[info.index].metadata)
+        written = _written_shape(entries[info.index].part.metadata)
         if written is not None and (low >= 0).all() and (high < written).all():
             low, high = np.zeros(3, np.int64), written - 1
         shape = tuple((high - low + 1).tolist())
@@ -126,7 +72,8 @@ def read(path: Path, grid: str | int | None) -> Volume:
         window = (half, -half)
     elif info.kind != "fog volume":
         notes.append(f"grid {info.key!r} is of class {info.kind!r} and is taken as fog")
-    return Volume(path, info, values, transform, window, background, notes)
+    own = found if written is not None and not low.any() and info.value_type == "float" and not background else None
+    return Volume(path, info, values, transform, window, background, notes, own)
 
 
 def list_grids(path: Path) -> list[GridInfo]:
@@ -136,12 +83,39 @@ def list_grids(path: Path) -> list[GridInfo]:
 
 def write(grid: DensityGrid, path: Path, half: bool) -> None:
     """Write a fog volume: every bit of float32, or 11 with ``half``; the transform, name and metadata of the grid."""
+    fog = fog_of(grid, path)
+    fog.saveFloatAsHalf = half
+    with replacing(path) as part:
+        save(fog, grid, part, path)
+
+
+def fog_of(grid: DensityGrid, path: Path) -> Any:
+    """OpenVDB's FloatGrid of a density grid; ``path`` is named where that fails: FormatError."""
     openvdb = _openvdb(path)
-    with replacing(path) as part, _refusals(openvdb, path, "cannot be written"):
+    with _refusals(openvdb, path, "cannot be written"):
         fog = openvdb.FloatGrid()
         fog.copyFromArray(grid.density, tolerance=0.0)
         fog.prune(0.0)
-        fog.name, fog.gridClass, fog.saveFloatAsHalf = grid.name, openvdb.GridClass.FOG_VOLUME, half
+    return fog
+
+
+def change(fog: Any, grid: DensityGrid, box: Box) -> None:
+    """Make the voxels of a box, as far as it lies in the grid, what they are in ``grid``."""
+    low = [max(n, 0) for n in box[0]]
+    high = [min(n, edge) for n, edge in zip(box[1], grid.shape, strict=True)]
+    if any(a >= b for a, b in zip(low, high, strict=True)):
+        return
+    # A leaf that has become empty is left out by copyFromArray, which takes it for one that was never there.
+    fog.fill(low, [n - 1 for n in high], 0.0, False)
+    inside = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+    fog.copyFromArray(np.ascontiguousarray(grid.density[inside]), ijk=low, tolerance=0.0)
+
+
+def save(fog: Any, grid: DensityGrid, part: Path, path: Path) -> None:
+    """Write ``fog``, with the transform, name and metadata of ``grid``, to ``part``, which is to become ``path``."""
+    openvdb = _openvdb(path)
+    with _refusals(openvdb, path, "cannot be written"):
+        fog.name, fog.gridClass = grid.name, openvdb.GridClass.FOG_VOLUME
         fog.transform = openvdb.createLinearTransform(grid.transform.T.tolist())  # OpenVDB's vectors are rows
         fog.creator = GENERATOR
         for name, value in grid.metadata.items():
@@ -150,10 +124,24 @@ def write(grid: DensityGrid, path: Path, half: bool) -> None:
         fog[SHAPE] = " ".join(map(str, grid.shape))
         fog["generator"] = GENERATOR
         openvdb.write(str(part), grids=[fog], metadata={"generator": GENERATOR})
-        try:
-            _directory(part)
-        except FormatError as error:  # OpenVDB does not notice
-            raise FormatError(f"{path}: cannot be written whole: the disk is full, or a quota is") from error
+    whole(part, path)
+
+
+def renew(source: Path, part: Path, path: Path) -> None:
+    """Write all of ``source``, in this OpenVDB's format version, to ``part``; where that fails ``path`` is named."""
+    openvdb = _openvdb(path)
+    with _refusals(openvdb, path, "cannot be written"):
+        grids, metadata = openvdb.readAll(str(source))
+        openvdb.write(str(part), grids=grids, metadata=metadata)
+    whole(part, path)
+
+
+def whole(part: Path, path: Path) -> None:
+    """Raise FormatError where ``part``, which is to become ``path``, was not written to its end."""
+    try:
+        lay_out(part)
+    except FormatError as error:  # OpenVDB does not notice
+        raise FormatError(f"{path}: cannot be written whole: the disk is full, or a quota is") from error
 
 
 def _openvdb(path: Path) -> ModuleType:
@@ -186,89 +174,29 @@ def _refusals(openvdb: ModuleType, path: Path, what: str) -> Iterator[None]:
 
 
 def _directory(path: Path) -> list[_Entry]:
-    """Walk a file's directory (format versions 220 to 225). Raises FormatError wherever it contradicts the file."""
-    with path.open("rb") as file:
-        found = _grids(_Walk(path, file))
-    if not found:
-        raise EmptyVolumeError(f"{path}: holds no grids")
-    names = [unique.partition("\x1e") for unique, *_ in found]  # OpenVDB sets grids of one name apart by a number
-    shared = Counter(name for name, *_ in names)
+    """The grids of a file. Raises FormatError."""
+    parts = lay_out(path).parts
+    shared = Counter(part.name for part in parts)
     entries = []
-    for index, ((_, kind, metadata, transform), (name, mark, number)) in enumerate(zip(found, names, strict=True)):
-        value_type = _value_type(kind)
+    for index, part in enumerate(parts):
+        kind = value_type(part.kind)
         info = GridInfo(
-            name,
+            part.name,
             index,
-            f"{name}[{number}]" if shared[name] > 1 and mark else name,
-            str(metadata.get("class", "unknown")),
-            value_type + (" (half)" if kind.endswith("_HalfFloat") else ""),
-            _shape(metadata),
-            transform,
-            value_type in _SCALARS and transform is not None,
+            part.asked if shared[part.name] > 1 else part.name,
+            str(part.metadata.get("class", "unknown")),
+            kind + (" (half)" if part.kind.endswith("_HalfFloat") else ""),
+            _shape(part.metadata),
+            part.transform,
+            kind in SCALARS and part.transform is not None,
             {
                 name: value
-                for name, value in metadata.items()
+                for name, value in part.metadata.items()
                 if isinstance(value, str | int | float) and not name.startswith(_OPENVDB_OWN)
             },
         )
-        entries.append(_Entry(info, f"{name}[{number}]" if mark else name, metadata))
+        entries.append(_Entry(info, part))
     return entries
-
-
-def _grids(walk: _Walk) -> list[tuple[str, str, dict[str, Any], np.ndarray | None]]:
-    """Unique name, type, metadata and transform of each grid of a file."""
-    path = walk.path
-    if walk.bytes(8) != MAGIC:
-        raise FormatError(f"{path}: is not an OpenVDB file")
-    version = walk.number("<I")
-    if not 220 <= version < 1000:
-        raise FormatError(f"{path}: has OpenVDB's file version {version}, and only those from 220 on can be read")
-    walk.bytes(8)  # version of the library
-    if not walk.number("<?"):
-        raise FormatError(f"{path}: was written to a stream, without the places of its grids: save it once more")
-    walk.bytes((1 if version < 222 else 0) + 36)  # compression, and a UUID
-    walk.metadata()
-    found, size = [], walk.end
-    for index in range(walk.number("<i")):
-        unique, kind = walk.text(), walk.text()
-        walk.text()  # the grid that this is an instance of
-        begin, blocks, end = (walk.number("<q") for _ in range(3))
-        if not walk.at <= begin <= blocks <= end <= size:
-            raise walk.damaged(f"grid {index} is to end at byte {end}, but the file has {size}")
-        walk.at, walk.end = begin, blocks
-        found.append((unique, kind, *_grid(walk, version, kind)))
-        walk.at, walk.end = end, size
-    return found
-
-
-def _grid(walk: _Walk, version: int, kind: str) -> tuple[dict[str, Any], np.ndarray | None]:
-    """Metadata and transform of a grid; for scalar grids the root's counts must fit into the tree's bytes."""
-    if version >= 222:
-        walk.number("<I")  # compression
-    metadata, name = walk.metadata(), walk.text()
-    if name not in _MAPS:
-        return metadata, None
-    count, shift, scale = _MAPS[name]
-    numbers = np.frombuffer(walk.bytes(8 * count), "<f8")
-    transform = np.eye(4)
-    if scale is not None:
-        transform[:3, :3] = np.diag(numbers[scale : scale + 3])
-    if shift is not None:
-        transform[:3, 3] = numbers[shift : shift + 3]
-    if count == 16:
-        transform = numbers.reshape(4, 4).T.copy()
-    value = _SCALARS.get(_value_type(kind))
-    if value and walk.end > walk.at:  # an instance has no tree of its own
-        walk.bytes(4 + value)  # buffers, background
-        tiles, children = walk.number("<I"), walk.number("<I")
-        if tiles * (12 + value + 1) + children * _ROOT_CHILD > walk.end - walk.at:
-            raise walk.damaged(f"{tiles} tiles and {children} branches cannot be in {walk.end - walk.at} bytes of tree")
-    return metadata, transform
-
-
-def _value_type(kind: str) -> str:
-    """What `Tree_float_5_4_3_HalfFloat` holds: float."""
-    return kind.removeprefix("Tree_").split("_")[0]
 
 
 def _shape(metadata: dict[str, Any]) -> tuple[int, int, int] | None:
