@@ -253,11 +253,12 @@ class Engine:
         """The deformation thread."""
         former: _Pose | None = None
         while (pose := self._next_pose()) is not None:
-            for sample in _way(former, pose):
-                if self._stop.is_set():
-                    return
-                self._solve(sample)
-                self._turn.give(LONGEST_TURN)
+            with self._turn.at_work():
+                for sample in _way(former, pose):
+                    if self._stop.is_set():
+                        return
+                    self._solve(sample)
+                    self._turn.give(LONGEST_TURN)
             former = pose
 
     def _next_pose(self) -> _Pose | None:
@@ -301,7 +302,7 @@ class Engine:
             pose = self._newest
             if pose is None or self._publish(pose):
                 continue
-            with self._turn.taken(PERIOD):
+            with self._turn.taken():
                 self._publish(pose)
 
     def _publish(self, pose: _Pose) -> bool:
@@ -353,18 +354,30 @@ def _shifted(box: Box | None, origin: tuple[int, int, int]) -> Box | None:
 
 
 class _Turn:
-    """A turn that one thread asks for, and another gives between two of its steps."""
+    """A turn that one thread asks for, and another gives: between two of its steps, or at once while it rests."""
 
     def __init__(self) -> None:
         self._told = Condition()
         self._asked = self._given = False
+        self._resting = True
 
     @contextmanager
-    def taken(self, patience: float) -> Iterator[None]:
-        """Ask, and wait for the answer at most ``patience`` seconds; who gives then waits until this is left."""
+    def at_work(self) -> Iterator[None]:
+        """What the giver does its steps in; outside of this it rests."""
+        self._resting = False
+        try:
+            yield
+        finally:
+            with self._told:
+                self._resting = True
+                self._told.notify_all()
+
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """Ask, wait until the other lets in, and make it wait until this is left."""
         with self._told:
             self._asked, self._given = True, False
-            self._told.wait_for(lambda: self._given, patience)
+            self._told.wait_for(lambda: self._given or self._resting)
         try:
             yield
         finally:
@@ -380,7 +393,7 @@ class _Turn:
             self._given = True
             self._told.notify_all()
             self._told.wait_for(lambda: not self._asked, patience)
-            self._asked = False  # if it takes longer, it takes its chance: the next step does not wait as well
+            self._asked = False  # who takes longer takes a chance: the next step does not wait as well
 
 
 class _Switching:
