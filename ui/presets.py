@@ -39,7 +39,7 @@ class REPOUSSE_PT_material_presets(PresetPanel, bpy.types.Panel):
             column.prop_enum(context.scene.repousse, "material", name)
         self.layout.separator()
         if bpy.utils.preset_paths(SUBDIR):
-            super().draw(context)
+            PresetPanel.draw(self, context)
         else:  # none of the artist's own yet
             self.layout.operator_context = "INVOKE_DEFAULT"
             self.layout.operator(self.preset_add_operator, text="Add Preset", icon="ADD")
