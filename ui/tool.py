@@ -171,7 +171,7 @@ def register():
     global _handle
     if bpy.app.background:
         return  # there is no toolbar
-    bpy.utils.register_tool(RepousseTool, after={"builtin.scale_cage"}, separator=True)
+    bpy.utils.register_tool(RepousseTool, after={"builtin.transform"}, separator=True)
     _handle = bpy.types.SpaceView3D.draw_handler_add(_watch, (), "WINDOW", "PRE_VIEW")
 
 
