@@ -18,6 +18,9 @@ GREATEST_SHARE = 1.0 / 12.0
 """What two neighbours exchange of their difference, at full strength and wholly inside the tool. Up to 1/6 it is
 stable; up to 1/12 no wave of density changes its sign either, so what is smoothed only ever gets smoother."""
 
+NEGLIGIBLE = np.float32(1e-4)
+"""Voxels whose densities differ by less exchange nothing, or a trace of density would creep into the air."""
+
 
 def passes_of(tool: Tool) -> int:
     """Passes of one smoothing: a larger tool has coarser bumps to even out."""
@@ -64,15 +67,13 @@ def _smooth_numpy(work: Workspace, share: float, passes: int) -> float:
         [int(i.max()) + a + 1 for i, a in zip(inside, low, strict=True)],
     )
     density = work.density[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-    weights, exchanged = np.pad(covered, 1).astype(np.float64), 0.0
+    weights, exchanged = np.pad(covered, 1), 0.0
     for _ in range(passes):
-        former = np.pad(density, 1).astype(np.float64)
-        brought = [_brought(former, weights, axis) for axis in range(3)]
-        density[:] = former[1:-1, 1:-1, 1:-1] + share * weights[1:-1, 1:-1, 1:-1] * (
-            (brought[0] + brought[1]) + brought[2]
-        )
+        former = np.pad(density, 1)
+        x, y, z = (_brought(former, weights, axis) for axis in range(3))
+        density[:] = former[1:-1, 1:-1, 1:-1] + np.float32(share) * weights[1:-1, 1:-1, 1:-1] * ((x + y) + z)
         change = np.abs(density - former[1:-1, 1:-1, 1:-1])
-        exchanged += float(change.sum()) / 2.0
+        exchanged += float(change.sum(dtype=np.float64)) / 2.0
         changed = np.nonzero(change)
         for a, index in enumerate(changed if len(changed[0]) else ()):
             work.sweep.dirty[a] = min(work.sweep.dirty[a], int(index.min()) + low[a])
@@ -86,5 +87,6 @@ def _brought(density: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:
     here, both = density[tuple(inner)], []
     for side in (slice(None, -2), slice(2, None)):
         inner[axis] = side
-        both.append(weights[tuple(inner)] * (density[tuple(inner)] - here))
+        more = density[tuple(inner)] - here
+        both.append(np.where(np.abs(more) > NEGLIGIBLE, weights[tuple(inner)] * more, np.float32(0.0)))
     return both[0] + both[1]

@@ -1465,14 +1465,32 @@ EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) 
 
 // Smooth (core/smooth.py).
 
-// What six neighbours bring to a voxel, for each unit of what is exchanged. Opposite ones are added first, so that mirror
-// images are the same to the last bit.
-static double brought(const float *d, const float *w, int64_t plane, int64_t row) {
-    const double here = (double)d[0];
-    const double x = (double)w[-plane] * ((double)d[-plane] - here) + (double)w[plane] * ((double)d[plane] - here);
-    const double y = (double)w[-row] * ((double)d[-row] - here) + (double)w[row] * ((double)d[row] - here);
-    const double z = (double)w[-1] * ((double)d[-1] - here) + (double)w[1] * ((double)d[1] - here);
-    return (x + y) + z;
+// What one neighbour brings: nothing where the two are as good as equal, or a trace of density would creep into the air.
+static float brought(float weight, float there, float here) {
+    const float more = there - here;
+    return fabsf(more) > NEGLIGIBLE ? weight * more : 0.0f;
+}
+
+// A stretch of a row after one exchange of each voxel with its six neighbours. Opposite ones are added first, so that
+// mirror images are the same to the last bit.
+static void exchange(float *restrict d, const float *restrict former, const float *restrict w, int64_t n, int64_t plane,
+                     int64_t row, float share) {
+    for (int64_t k = 0; k < n; k++) {
+        const float here = former[k];
+        const float x = brought(w[k - plane], former[k - plane], here) + brought(w[k + plane], former[k + plane], here);
+        const float y = brought(w[k - row], former[k - row], here) + brought(w[k + row], former[k + row], here);
+        const float z = brought(w[k - 1], former[k - 1], here) + brought(w[k + 1], former[k + 1], here);
+        d[k] = here + share * w[k] * ((x + y) + z);
+    }
+}
+
+static double row_change(const float *v, const float *former, int64_t n) {
+    double lanes[LANES] = {0.0};
+    int64_t k = 0;
+    for (; k + LANES <= n; k += LANES)
+        for (int l = 0; l < LANES; l++) lanes[l] += (double)fabsf(v[k + l] - former[k + l]);
+    for (; k < n; k++) lanes[0] += (double)fabsf(v[k] - former[k]);
+    return lane_sum(lanes);
 }
 
 // Passes of diffusion inside the tool: neighbours with coverages v, w exchange `share` v w of their difference, so no
@@ -1506,13 +1524,10 @@ EXPORT double repousse_smooth(Grid *g, const Tool *t, double share, int64_t pass
                     keep_box(g, i, i + 1, j, j + 1, span.low, span.high);
                     continue;
                 }
-                float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-                double changed = 0.0;
-                for (int64_t k = span.low; k < span.high; k++) {
-                    const float *here = former + at + k, *w = weights + at + k;
-                    d[k] = (float)((double)*here + share * (double)*w * brought(here, w, plane, row));
-                    changed += fabs((double)d[k] - (double)*here);
-                }
+                float *d = g->density + (i * g->shape[1] + j) * g->shape[2] + span.low;
+                const int64_t n = span.high - span.low;
+                exchange(d, former + at + span.low, weights + at + span.low, n, plane, row, (float)share);
+                const double changed = row_change(d, former + at + span.low, n);
                 if (changed > 0.0) mark_dirty(dirty, i, i + 1, j, j + 1, span.low, span.high);
                 exchanged += changed / 2.0;
             }
