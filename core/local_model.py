@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 from .native.state import Probe
-from .plasticity import contact_normal, estimate
+from .plasticity import contact_normal, estimate, stresses
 from .push import Push
 from .symmetry import SymmetricPush
 from .tool import Tool, Vector
@@ -65,15 +65,9 @@ class Feeler:
         self._asked = (epoch, position, tool)
         masses = self._probe.estimate
         x, y, z = masses.gradient
-        self._model = LocalModel(
-            epoch,
-            time,
-            position,
-            self._k_t * masses.tool_mass,
-            self._k_s * masses.reach_mass,
-            (self._k_t * x, self._k_t * y, self._k_t * z),
-            contact_normal((x, y, z)),
-        )
+        stress, yield_stress = stresses(masses, self._k_t, self._k_s, self._push.verb == "push")
+        slope = (self._k_t * x, self._k_t * y, self._k_t * z)
+        self._model = LocalModel(epoch, time, position, stress, yield_stress, slope, contact_normal((x, y, z)))
         return self._model
 
     def _estimate(self, position: Vector, tool: Tool) -> None:

@@ -11,6 +11,7 @@ from math import hypot
 import numpy as np
 
 from .native.state import Probe
+from .native.structures import Estimate
 from .tool import Shape, Vector
 
 RELAXED = 2e-3
@@ -29,6 +30,13 @@ class Regime(Enum):
     ELASTIC = "elastic"
     PLASTIC = "plastic"
     UNLOADING = "unloading"
+
+
+def stresses(masses: Estimate, k_t: float, k_s: float, yields: bool) -> tuple[float, float]:
+    """sigma and sigma_f in newtons (paper equations 4 and 5). Material that does not yield, because it is pulled or
+    smoothed and moves as it is told, holds what it bears."""
+    stress, yield_stress = k_t * masses.tool_mass, k_s * masses.reach_mass
+    return stress, yield_stress if yields else max(stress, yield_stress)
 
 
 def overloaded(stress: float, yield_stress: float) -> bool:

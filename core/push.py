@@ -19,7 +19,7 @@ from .grid import BRICK, Box, DensityGrid, union
 from .history import History
 from .material import Material, largest_yield_ratio
 from .native.state import BORDERS, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
-from .plasticity import Regime, contact_normal, estimate, felt_force, overloaded, regime_of
+from .plasticity import Regime, contact_normal, estimate, felt_force, overloaded, regime_of, stresses
 from .recursion import disperse_recursively
 from .tool import Tool, Vector, unit, vector
 
@@ -244,6 +244,8 @@ class Push:
     def forget(self, history: History, carry: float) -> None:
         """Keep no more before-images in ``history``, which has been restored; owe ``carry`` of mass, as then; lift."""
         history.detach(self._work)
+        dispersion.forget_emptied(self._work)  # an error may have left mass in flight
+        self.epoch += 2 - self.epoch % 2
         self.carry = carry
         self._notice_growth()
         self.lift()
@@ -326,10 +328,8 @@ class Push:
         return self._contact
 
     def _stresses(self) -> tuple[float, float]:
-        """sigma and sigma_f in newtons. What is pulled or smoothed moves as it is told: it holds what it bears."""
-        masses = self._work.estimate
-        stress, yield_stress = self.k_t * masses.tool_mass, self.k_s * masses.reach_mass
-        return stress, yield_stress if self.verb == "push" else max(stress, yield_stress)
+        """sigma and sigma_f in newtons."""
+        return stresses(self._work.estimate, self.k_t, self.k_s, self.verb == "push")
 
     def _move_density(self, position: Vector, turned_at: Vector, normal: Vector) -> _Moved | None:
         """Disperse or draw out what is too much in the tool, if it is known whither."""
@@ -419,12 +419,10 @@ class Push:
 
     @contextmanager
     def _in_flight(self) -> Iterator[None]:
-        """While mass is in flight, the epoch is odd."""
+        """While mass is in flight, the epoch is odd; it stays so when an error leaves it there, until a restore."""
         self.epoch += 1
-        try:
-            yield
-        finally:
-            self.epoch += 1
+        yield
+        self.epoch += 1
 
     def _disperse(self, direction: Vector, axis: int, moved: _Moved) -> None:
         """Sweep what was emptied, raise what the band turns back, return what finds no room; M_t and M_s follow."""
