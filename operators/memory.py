@@ -39,6 +39,6 @@ def draw_memory(layout: bpy.types.UILayout, context: bpy.types.Context, shape: S
 def draw_memory_line(layout: bpy.types.UILayout, shape: Sequence[int]) -> None:
     """One line on what a volume takes."""
     clay, view, history = mebibytes(shape)
-    text = bpy.app.translations.pgettext_iface("{:.0f} MiB: clay {:.0f}, view {:.0f}, a stroke up to {:.0f}")
+    text = bpy.app.translations.pgettext_iface("{:.3g} MiB (clay {:.3g}, view {:.3g}, undo {:.3g})")
     text = text.format(clay + view + history, clay, view, history)
     layout.label(text=text, icon="BLANK1", translate=False)

@@ -84,7 +84,8 @@ def make_wanted() -> None:
     for slot in made:
         picture, across, up = slot.make()
         slot.preview.image_size = SIDE, SIDE
-        slot.preview.image_pixels_float.foreach_set(np.ascontiguousarray(picture, np.float32).ravel())
+        picture[..., :3] *= picture[..., 3:]  # an icon's colours are to be multiplied by its alpha
+        slot.preview.image_pixels_float.foreach_set(picture.ravel())
         slot.shown, slot.make = slot.wanted, None
         slot.plot = Plot(slot.preview.icon_id, across, up)
     for window in bpy.context.window_manager.windows if made else ():

@@ -103,9 +103,9 @@ def test_memory_is_told_for_what_is_there(block):
     assert "16 x 16 x 16 voxels" in told
     block.data.repousse.shape = (256, 256, 256)
     [line] = (text for text in draw(bpy.types.REPOUSSE_PT_volume).texts if "MiB" in text)
-    clay, view, history = (int(number) for number in re.findall(r"\d+", line)[1:])
-    assert clay == 128  # two float32 of 256^3
-    assert int(line.split()[0]) == clay + view + history
+    whole, clay, view, history = (float(number) for number in re.findall(r"[\d.]+", line))
+    assert clay == 128.0  # two float32 of 256^3
+    assert whole == pytest.approx(clay + view + history)
 
 
 def test_the_level_is_found_until_it_is_set_by_hand_and_then_again(session):
@@ -184,7 +184,9 @@ def test_plots_are_made_when_what_they_show_has_changed_and_only_then(session, i
     draw(bpy.types.REPOUSSE_PT_stress), plots.make_wanted()
     assert made == [2, 3, 3]
     drawn = np.array(plots._slots["stress"].preview.image_pixels_float).reshape(plots.SIDE, plots.SIDE, 4)
-    assert drawn == pytest.approx(picture(session.last_trace, plots._ink())[0], abs=1 / 255)
+    expected = picture(session.last_trace, plots._ink())[0]
+    assert drawn[..., 3] == pytest.approx(expected[..., 3], abs=1 / 255)
+    assert drawn[..., :3] == pytest.approx(expected[..., :3] * expected[..., 3:], abs=1 / 255)
 
 
 def test_the_histogram_is_that_of_the_file_and_follows_undo():

@@ -70,8 +70,8 @@ def test_the_dialog_tells_what_would_be_made(bar):
     before, after = (" x ".join(str(n * k) for n in grid.shape) for k in (1, 2))
     assert any(before in text for text in texts) and any(after in text for text in texts)
     [memory] = (text for text in texts if "MiB" in text)
-    clay = int(re.findall(r"clay (\d+)", memory)[0])
-    assert clay == pytest.approx(8 * grid.density.size * 8 / 2**20, abs=1)
+    clay = float(re.findall(r"clay ([\d.]+)", memory)[0])
+    assert clay == pytest.approx(8 * grid.density.size * 8 / 2**20, rel=0.01)
     bpy.ops.repousse.resample_volume(voxel_size=size)
     assert tuple(volume.data.repousse.shape) == tuple(2 * n for n in grid.shape)  # as was told
 
