@@ -420,7 +420,7 @@ class Push:
     @contextmanager
     def _in_flight(self) -> Iterator[None]:
         """While mass is in flight, the epoch is odd; it stays so when an error leaves it there, until a restore."""
-        self.epoch += 1
+        self.epoch += 1 + self.epoch % 2
         yield
         self.epoch += 1
 

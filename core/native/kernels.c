@@ -19,6 +19,8 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
+#define ALWAYS_INLINE static inline __attribute__((always_inline)) // 6 % of a push, where it is used twice
+
 #define ABI_VERSION 2          // the loader refuses any other
 #define BRICK 8                // edge of a brick, core/grid.py
 #define SHELL 0.5              // thickness of the shells that are emptied one after another, voxels
@@ -554,7 +556,7 @@ static void nothing_emptied(Emptied *e) {
 }
 
 // Take mass from one of the tool's voxels into the record; returns where it is recorded.
-static float *take(Grid *g, const Tool *t, const Frame *f, Emptied *e, const Occupied *o, float taken) {
+ALWAYS_INLINE float *take(Grid *g, const Tool *t, const Frame *f, Emptied *e, const Occupied *o, float taken) {
     float *d = g->density + o->index;
     const double w = o->covered, former = (double)*d;
     int64_t at[3];
