@@ -333,7 +333,7 @@ def test_a_drag_ploughs_an_even_groove():
 
 @pytest.mark.parametrize("press", ["normal", "view"])
 def test_a_groove_is_even_whichever_way_it_is_pressed(press):
-    """Loose material, pushed down: to a hundredth of a voxel. It packs below the tool: half density is a little higher."""
+    """Loose material, pushed down: to a hundredth of a voxel. It packs below the tool, so half density lies higher."""
     depth = groove(press, density=0.6, band=None)
     assert depth == pytest.approx(0.5 * RADIUS, abs=0.25)
     assert depth.std() < 0.01
