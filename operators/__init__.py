@@ -6,6 +6,8 @@ from importlib import import_module
 _MODULES = (
     "volumes",  # what the verbs share comes first
     "settings",
+    "session",
+    "handlers",
     "import_volume",
     "new_clay_block",
     "mesh_to_clay",

@@ -8,12 +8,13 @@ is held on to from one event to the next, for undo frees it: names and session_u
 from __future__ import annotations
 
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 import bpy
 
 from ..core import DensityGrid
-from ..core.formats import read_volume, write_volume
+from ..core.formats import VolumeFile
 from ..core.grid import Box
 from ..core.level import automatic_level
 from ..core.stroke import hash_of
@@ -22,8 +23,12 @@ from .volumes import note, path_of
 
 if TYPE_CHECKING:
     from ..core.engine import Engine
+    from .aim import Pointer
 
 _live: Session | None = None
+
+STAND_IN = "BOUNDS"
+"""How Blender draws an object while the live view draws its voxels."""
 
 
 def live() -> Session | None:
@@ -47,11 +52,13 @@ def open_session(obj: bpy.types.Object) -> Session:
 
 
 def close_session() -> None:
-    """End the stroke that may run, and forget the grid."""
+    """Take back the stroke that may run, give objects their display back, and forget the grid."""
     global _live
     if _live is not None:
         end_stroke()
+        _live.end()
         _live = None
+        give_back_displays()
 
 
 def end_stroke(restore: bool = True) -> None:
@@ -66,26 +73,88 @@ def end_stroke(restore: bool = True) -> None:
     _live.changed(None)
 
 
+def follow() -> None:
+    """Let the session be where Blender now is, after undo, redo or whatever else changed the path of its volume.
+
+    When the volume is no more, or its file cannot be read, the session is closed.
+    """
+    if _live is None:
+        return
+    volume = _live.volume
+    try:
+        if volume is None:
+            close_session()
+        elif path_of(volume) != _live.path:
+            end_stroke()
+            _live.load(volume)
+    except (ValueError, MemoryError):
+        close_session()
+
+
 class Session:
     """The voxels of one volume, its file, and what has changed since the view last asked.
 
-    ``grid`` is live: a stroke's threads write into it. ``path`` is the file that holds it as of the last commit;
-    ``volume_uid`` the volume's session_uid; ``notes`` what its reader did to the values; ``auto_level`` the density at
-    which the surface is seen where the artist has not said; ``last_trace`` that of the last stroke.
-    ``engine`` is set while a stroke runs.
+    Attributes
+    ----------
+    grid
+        Live: a stroke's threads write into it.
+    path
+        The file that holds the grid as of the last commit.
+    volume_uid
+        The volume's session_uid.
+    notes
+        What reading the file did to its values, a sentence each.
+    auto_level
+        The density at which the surface is seen where the artist has not said.
+    last_trace
+        Depth, stress and yield stress along the last stroke, as the engine keeps them.
+    pointer
+        Where the tool is, for the view; None: nowhere.
     """
 
     def __init__(self, volume: bpy.types.Volume, path: Path) -> None:
-        self.grid: DensityGrid = read_volume(path)
-        self.path = path
         self.volume_uid = volume.session_uid
-        self.notes = list(self.grid.notes)
-        self.auto_level = automatic_level(self.grid.density)
-        self.engine: Engine | None = None
+        self._engine: Engine | None = None
         self.last_trace: list[tuple[float, float, float]] = []
-        self.pointer = None
+        self.pointer: Pointer | None = None
+        self.shown_uid: int | None = None
         self._boxes: list[Box] = []
         self._seen = None  # the array that the view has
+        self._hash: _Hash | None = None
+        self._read(path)
+        self.auto_level = automatic_level(self.grid.density)
+
+    def _read(self, path: Path) -> None:
+        self._file = VolumeFile(path)
+        self.path = path
+        self.notes = list(self.grid.notes)
+        self._mass = self.grid.mass
+        self._hash_ahead()
+
+    @property
+    def engine(self) -> Engine | None:
+        """The stroke that runs."""
+        return self._engine
+
+    @engine.setter
+    def engine(self, engine: Engine | None) -> None:
+        self._engine = engine
+        self._forget_hash()
+
+    @property
+    def grid(self) -> DensityGrid:
+        """The live grid."""
+        return self._file.grid
+
+    @property
+    def volume(self) -> bpy.types.Volume | None:
+        """The volume; None when it has been removed."""
+        return next((volume for volume in bpy.data.volumes if volume.session_uid == self.volume_uid), None)
+
+    def load(self, volume: bpy.types.Volume) -> None:
+        """Read the volume's present file in place of the former. Raises ValueError, and all is as it was."""
+        self._read(path_of(volume))
+        self.changed(None)
 
     def changed(self, box: Box | None) -> None:
         """Tell the view that the voxels of ``box`` (array indices) are not what they were; None: any of them."""
@@ -102,9 +171,8 @@ class Session:
         boxes, self._boxes = self._boxes, []
         engine = self.engine
         if engine is not None:
-            origin = engine.push.origin
-            for low, high in engine.take_changes() or ():
-                boxes.append((_shifted(low, origin), _shifted(high, origin)))
+            changes, origin = engine.take_changes() or (), engine.push.origin
+            boxes += [(_in_array(low, origin), _in_array(high, origin)) for low, high in changes]
         if self.grid.density is not self._seen:  # a grid that grows moves into another array
             self._seen = self.grid.density
             return True, []
@@ -114,20 +182,116 @@ class Session:
         """Make what the grid is now the next revision of the volume that ``obj`` shows.
 
         ``boxes`` (array indices) hold all that changed since the last revision; None: anything may have. ``mass_out``
-        is what left the grid, in voxels' worth. Raises ValueError with one line, and the volume shows what it did.
+        is what has left the grid, in voxels' worth. Raises ValueError with one line, and the volume shows what it did.
         """
         volume = obj.data
-        path = revisions.new_path(volume)
-        write_volume(self.grid, path)
-        volume.filepath = str(path)
+        if volume is None or volume.session_uid != self.volume_uid:
+            raise ValueError(f"{obj.name}: does not show the volume that was sculpted any more")
+        path_of(volume)
+        try:
+            path = revisions.new_path(volume)
+        except OSError as error:
+            raise ValueError(f"{error.filename}: the stroke cannot be kept: {error.strerror}") from error
+        self._file.write(path, boxes)
+        revisions.commit(volume, path)
         self.path = path
-        note(volume, self.grid, volume.repousse.mass - mass_out)
+        self._mass -= mass_out
+        note(volume, self.grid, self._mass)
+        self._hash_ahead()
+
+    def moved_to(self, path: Path) -> None:
+        """The same voxels are now read from ``path``."""
+        self.path = self._file.path = path
 
     def grid_hash(self) -> str:
-        """The hash of the grid by which a recorded stroke knows what it began on."""
-        return hash_of(self.grid)
+        """The hash of the grid by which a recorded stroke knows what it began on; not while a stroke runs."""
+        if self._hash is None:
+            self._hash = _Hash(self.grid)
+        return self._hash.digest()
+
+    def end(self) -> None:
+        """End what may still run for this session."""
+        self._forget_hash()
+
+    def _hash_ahead(self) -> None:
+        """Where strokes are recorded the next one asks for the hash, and shall not wait for it."""
+        self._forget_hash()
+        if bpy.context.scene is not None and bpy.context.scene.repousse.record:
+            self._hash = _Hash(self.grid)
+
+    def _forget_hash(self) -> None:
+        if self._hash is not None:
+            self._hash.digest()
+            self._hash = None
+
+    def take_display(self, obj: bpy.types.Object) -> None:
+        """Let Blender draw ``obj`` as a box, for the live view draws its voxels; others get their display back."""
+        self.shown_uid = obj.session_uid
+        give_back_displays(but=self.shown_uid)
+        if not obj.repousse_display:
+            obj.repousse_display = obj.display_type
+        if obj.display_type != STAND_IN:
+            obj.display_type = STAND_IN
+
+    def give_back_display(self, obj: bpy.types.Object) -> None:
+        """Let Blender draw ``obj`` as it did."""
+        self.shown_uid = None
+        _give_back(obj)
 
 
-def _shifted(corner: tuple[int, int, int], origin: tuple[int, int, int]) -> tuple[int, int, int]:
+class _Hash:
+    """The hash of a grid, made by a thread."""
+
+    def __init__(self, grid: DensityGrid) -> None:
+        self._found = ""
+        self._thread = Thread(target=self._make, args=(grid,), name="repousse hash", daemon=True)
+        self._thread.start()
+
+    def _make(self, grid: DensityGrid) -> None:
+        self._found = hash_of(grid)
+
+    def digest(self) -> str:
+        """Waits for it."""
+        self._thread.join()
+        return self._found
+
+
+def give_back_displays(but: int | None = None) -> None:
+    """Let Blender draw every object as it did before it was taken, except for the one with the session_uid ``but``."""
+    for obj in bpy.data.objects:
+        if obj.repousse_display and obj.session_uid != but:
+            _give_back(obj)
+
+
+def put_displays_in_step() -> None:
+    """After Blender's data changed as a whole: the live view's object alone is drawn as a box."""
+    shown = _live.shown_uid if _live is not None else None
+    give_back_displays(but=shown)
+    found = next((obj for obj in bpy.data.objects if obj.session_uid == shown), None)
+    if found is not None:
+        _live.take_display(found)
+
+
+def _give_back(obj: bpy.types.Object) -> None:
+    former = obj.repousse_display
+    if former and obj.is_editable:
+        if obj.display_type == STAND_IN:  # else the artist has chosen another meanwhile
+            obj.display_type = former
+        obj.property_unset("repousse_display")
+
+
+def _in_array(corner: tuple[int, int, int], origin: tuple[int, int, int]) -> tuple[int, int, int]:
+    """A corner in the frame of the poses as an index of the array, whose first voxel lies at ``origin`` in that."""
     x, y, z = (int(c - o) for c, o in zip(corner, origin))
     return x, y, z
+
+
+def register():
+    bpy.types.Object.repousse_display = bpy.props.StringProperty(
+        name="Former Display", description="How Blender drew this object before it was sculpted", options={"HIDDEN"}
+    )
+
+
+def unregister():
+    close_session()
+    del bpy.types.Object.repousse_display

@@ -13,7 +13,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..core import PRESETS, DensityGrid
-from ..core.formats import list_grids, read_volume, write_volume
+from ..core.formats import read_volume, write_in_place_of, write_volume
 from ..core.histogram import BINS, histogram
 from . import revisions
 
@@ -93,10 +93,13 @@ def add_volume(
 
 
 def show(volume: bpy.types.Volume, grid: DensityGrid) -> None:
-    """Write ``grid`` to a file of its own and let ``volume`` show that."""
+    """Let ``volume`` show ``grid`` from a new file, in which the other grids of its former one are as they were."""
     path = revisions.new_path(volume)
-    write_volume(grid, path)
-    volume.filepath = str(path)
+    if volume.filepath:
+        write_in_place_of(path_of(volume), grid, path)
+    else:
+        write_volume(grid, path)
+    revisions.commit(volume, path)
     note(volume, grid, grid.mass)
 
 
@@ -108,25 +111,22 @@ def note(volume: bpy.types.Volume, grid: DensityGrid, mass: float) -> None:
 
 
 def density_of(volume: bpy.types.Volume) -> DensityGrid:
-    """The voxels of a volume, from its file.
+    """The voxels of a volume, from its file: of the grid "density", else of the first that can be read.
 
-    Raises ValueError with one line for data that must not or cannot be changed as a whole.
+    Raises ValueError with one line for data that must not be changed or cannot be read.
     """
-    path = path_of(volume)
-    if len(list_grids(path)) > 1:
-        raise ValueError(f"{path}: has several grids, and one would be kept: choose it by File > Import > Repoussé")
-    return read_volume(path)
+    return read_volume(path_of(volume))
 
 
 def path_of(volume: bpy.types.Volume) -> Path:
-    """The file of a volume. Raises ValueError with one line where there is not one, or not one of our own."""
+    """The file of a volume. Raises ValueError with one line where there is none, or none that may be replaced."""
     if volume.library is not None or volume.override_library is not None:
         raise ValueError(f"{volume.name}: is linked from another file: make it local first")
     if volume.is_sequence:
         raise ValueError(f"{volume.name}: is a sequence of files: import the one of a single frame")
     if not volume.filepath:
         raise ValueError(f"{volume.name}: has no file")
-    return Path(bpy.path.abspath(volume.filepath))
+    return revisions.path_of(volume)
 
 
 def place_in_world(grid: DensityGrid, matrix: Matrix) -> DensityGrid:

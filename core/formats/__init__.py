@@ -17,7 +17,7 @@ from ..grid import DensityGrid
 from . import layout, pvm, vdb
 from .base import MAX_VOXELS, EmptyVolumeError, FormatError, GridInfo, Volume
 from .normalise import Window, to_grid
-from .revision import VolumeFile
+from .revision import VolumeFile, write_in_place_of
 
 __all__ = [
     "MAX_VOXELS",
@@ -28,6 +28,7 @@ __all__ = [
     "describe",
     "list_grids",
     "read_volume",
+    "write_in_place_of",
     "write_volume",
 ]
 

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 
 from ..grid import Box, DensityGrid
 from . import vdb
-from .base import replacing
+from .base import FormatError, replacing, select
 from .layout import Layout, lay_out
 from .normalise import to_grid
 
@@ -34,10 +34,13 @@ class VolumeFile:
 
     def __init__(self, path: Path, key: str | int | None = None) -> None:
         """Read the grid ``key`` of a .vdb as `read_volume` does. Raises FormatError."""
-        volume = vdb.read(path, key)
+        try:
+            volume = vdb.read(path, key)
+        except OSError as error:
+            raise FormatError(f"{path}: cannot be read: {error.strerror or error}") from error
         self.path = path
         self.grid: DensityGrid = to_grid(volume, None)
-        self._unique = lay_out(path).parts[volume.info.index].unique
+        self._index = volume.info.index
         self._fog: Any = volume.own
         self._shape = self.grid.shape
 
@@ -53,19 +56,31 @@ class VolumeFile:
         else:
             for box in boxes:
                 vdb.change(fog, self.grid, box)
-        with replacing(path) as part, _scratch(part, 2) as (written, renewed):
-            vdb.save(fog, self.grid, written, path)
-            source = self.path
-            if _outdated(lay_out(source)):
-                vdb.renew(source, renewed, path)
-                source = renewed
-            if _has_more(source, written):
-                with part.open("wb") as target:
-                    _join(source, self._unique, written, target)
-                vdb.whole(part, path)
-            else:
-                os.replace(written, part)
+        _write(fog, self.grid, path, self.path, self._index)
         self.path, self._fog, self._shape = path, fog, self.grid.shape
+
+
+def write_in_place_of(source: Path, grid: DensityGrid, path: Path) -> None:
+    """Write ``grid``, in place of the one that `read_volume` takes from ``source``, and all else of that, to ``path``.
+
+    The file appears whole or not at all. Raises FormatError.
+    """
+    index = select(vdb.list_grids(source), None, source).index
+    _write(vdb.fog_of(grid, path), grid, path, source, index)
+
+
+def _write(fog: Any, grid: DensityGrid, path: Path, source: Path, index: int) -> None:
+    with replacing(path) as part, _scratch(part, 2) as (written, renewed):
+        vdb.save(fog, grid, written, path)
+        if _outdated(lay_out(source)):
+            vdb.renew(source, renewed, path)
+            source = renewed
+        if _has_more(source, written):
+            with part.open("wb") as target:
+                _join(source, index, written, target)
+            vdb.whole(part, path)
+        else:
+            os.replace(written, part)
 
 
 @contextmanager
@@ -93,15 +108,15 @@ def _has_more(source: Path, written: Path) -> bool:
     return not same or [part.unique for part in old.parts] != [new.parts[0].unique]
 
 
-def _join(source: Path, unique: str, written: Path, target: BinaryIO) -> None:
-    """Write ``source`` to ``target``, but for its grid ``unique``, in whose place the one of ``written`` comes.
+def _join(source: Path, index: int, written: Path, target: BinaryIO) -> None:
+    """Write ``source`` to ``target``, but for its ``index``-th grid, in whose place the one of ``written`` comes.
 
     The first grid that shares its tree with that one gets the tree as it was; others that do share it with that grid.
     """
     old, new = lay_out(source), lay_out(written)
     [sculpted] = new.parts
-    former = next(part for part in old.parts if part.unique == unique)
-    heir = next((part for part in old.parts if part.parent == unique), None)
+    former = old.parts[index]
+    heir = next((part for part in old.parts if part.parent == former.unique), None)
     with source.open("rb") as others, written.open("rb") as own:
         target.write(_bytes(own, 0, new.metadata[0]) + _bytes(others, *old.metadata))
         target.write(struct.pack("<i", len(old.parts)))
@@ -116,7 +131,7 @@ def _join(source: Path, unique: str, written: Path, target: BinaryIO) -> None:
                 parent = _NO_TEXT
                 topology = [(others, part.begin, part.tree), (others, former.tree, former.blocks)]
                 values = (others, former.blocks, former.end)
-            elif heir is not None and part.parent == unique:
+            elif heir is not None and part.parent == former.unique:
                 parent = _texts(_bytes(others, heir.named, heir.inherits))[0]
             target.write(name + kind + parent)
             begin = target.tell() + _PLACES.size

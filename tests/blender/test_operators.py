@@ -218,17 +218,26 @@ def test_volumes_that_a_new_file_would_break_are_refused(block, stroke, tmp_path
     with pytest.raises(RuntimeError, match="is a sequence of files"):
         bpy.ops.repousse.replay_stroke(filepath=str(stroke))
     made.data.is_sequence = False
-    pair = [openvdb.FloatGrid(), openvdb.FloatGrid()]
-    for other, name in zip(pair, ("density", "heat"), strict=True):
-        other.name = name
-        other.fill((0, 0, 0), (9, 9, 9), 0.5)
-    openvdb.write(str(tmp_path / "two.vdb"), grids=pair)
-    made.data.filepath = str(tmp_path / "two.vdb")
-    with pytest.raises(RuntimeError, match="has several grids"):
-        bpy.ops.repousse.replay_stroke(filepath=str(stroke))
     made.data.filepath = ""
     with pytest.raises(RuntimeError, match="has no file"):
         bpy.ops.repousse.replay_stroke(filepath=str(stroke))
+
+
+def test_replay_writes_the_files_other_grids_through(block, stroke, tmp_path):
+    made, _ = block
+    pair = []
+    for name, value in ("heat", 300.0), ("density", 1.0):
+        pair.append(openvdb.FloatGrid())
+        pair[-1].name = name
+        pair[-1].fill((0, 0, 0), (31, 31, 31), value)
+    openvdb.write(str(tmp_path / "two.vdb"), grids=pair, metadata={"scene": "kiln"})
+    made.data.filepath = str(tmp_path / "two.vdb")
+    assert bpy.ops.repousse.replay_stroke(filepath=str(stroke)) == {"FINISHED"}
+    after, about = openvdb.readAll(str(file_of(made)))
+    assert about == {"scene": "kiln"}
+    assert [grid.name for grid in after] == ["heat", "density"]
+    assert after[0].activeVoxelCount() == 32**3 and after[0].evalMinMax() == (300.0, 300.0)
+    assert read_volume(file_of(made)).density.min() < 1.0
 
 
 def test_export_writes_what_is_shown_where_it_is_shown(block, stroke, tmp_path):
