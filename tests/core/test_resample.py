@@ -109,7 +109,7 @@ def ball(n, radius):
 
 
 def roughness(grid, ratio):
-    """Of a ball that had a radius of 12 voxels, in those: how its radius varies, and how its faces lean, degrees rms."""
+    """Of a ball that had a radius of 12 voxels, in those: how its radius varies; how its faces lean, rms degrees."""
     surface, rng = Surface(grid, 0.5), np.random.default_rng(1)
     centre = np.full(3, ((40 - 1) / 2 + 0.13 + 0.5) * ratio - 0.5)
     radii, leans = [], []
