@@ -158,7 +158,7 @@ def _watch(process: subprocess.Popen, lines: queue.Queue) -> Seen:
                 seen.outcomes[-1].figures |= told["figures"]
             case "ended":
                 playing.seconds = time.monotonic() - began
-                playing.error = told["error"] or wrong_in(said)
+                playing.error = _joined(told["error"], wrong_in(said))
                 playing, said, leaves = None, seen.console, 0
                 began, allowed = time.monotonic(), GRACE
     code = _end(process)
@@ -168,7 +168,7 @@ def _watch(process: subprocess.Popen, lines: queue.Queue) -> Seen:
     if playing is not None:
         playing.seconds = time.monotonic() - began
         ended = None if code == leaves else "\n".join([f"Blender ended with exit code {code}", *said[-TAIL:]])
-        playing.error = ended or wrong_in(said)
+        playing.error = _joined(ended, wrong_in(said))
     return seen
 
 
@@ -178,6 +178,10 @@ def wrong_in(console: list[str]) -> str | None:
         if WRONG.search(line):
             return "\n".join(["on the console:", *console[number : number + TAIL]])
     return None
+
+
+def _joined(*errors: str | None) -> str | None:
+    return "\n".join(error for error in errors if error) or None
 
 
 def play_all(session: Session, wanted: list[str], kind: str = "test") -> Iterator[Outcome]:

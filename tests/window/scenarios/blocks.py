@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Making clay: the operators and the panel, by mouse and keys."""
+"""Making clay, and taking that back by keys."""
 
 import bpy
 
@@ -20,16 +20,3 @@ def a_new_block_is_undone_and_redone(window: Window) -> Steps:
     yield from window.until(lambda: len(bpy.data.objects) == 1, "the block to come back")
     assert (in_file(bpy.data.objects[0]).density == before).all()
     assert before.shape == (64, 64, 64)
-
-
-@scenario(vulkan=True)
-def the_panel_is_drawn(window: Window) -> Steps:
-    new_block(window)
-    yield from window.look(THREE_QUARTERS)
-    window.area.spaces.active.show_region_ui = True
-    sidebar = next(region for region in window.area.regions if region.type == "UI")
-    yield from window.drawn()
-    sidebar.active_panel_category = "Repoussé"
-    yield from window.until(lambda: sidebar.width > 100, "the sidebar to open")
-    yield from window.picture()
-    assert "Repoussé" in sidebar.active_panel_category
