@@ -85,8 +85,11 @@ class Layout:
 
 def lay_out(path: Path) -> Layout:
     """Walk a file. Raises FormatError wherever it contradicts itself, EmptyVolumeError where it has no grids."""
-    with path.open("rb") as file:
-        layout = _walked(_Walk(path, file))
+    try:
+        with path.open("rb") as file:
+            layout = _walked(_Walk(path, file))
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not layout.parts:
         raise EmptyVolumeError(f"{path}: holds no grids")
     return layout

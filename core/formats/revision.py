@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 
 from ..grid import Box, DensityGrid
 from . import vdb
-from .base import FormatError, replacing, select
+from .base import replacing, select
 from .layout import Layout, lay_out
 from .normalise import to_grid
 
@@ -34,13 +34,10 @@ class VolumeFile:
 
     def __init__(self, path: Path, key: str | int | None = None) -> None:
         """Read the grid ``key`` of a .vdb as `read_volume` does. Raises FormatError."""
-        try:
-            volume = vdb.read(path, key)
-        except OSError as error:
-            raise FormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+        volume = vdb.read(path, key)
         self.path = path
         self.grid: DensityGrid = to_grid(volume, None)
-        self._index = volume.info.index
+        self._index: int | None = volume.info.index  # of the grid in the file; None: there is nothing else in that
         self._fog: Any = volume.own
         self._shape = self.grid.shape
 
@@ -56,7 +53,7 @@ class VolumeFile:
         else:
             for box in boxes:
                 vdb.change(fog, self.grid, box)
-        _write(fog, self.grid, path, self.path, self._index)
+        self._index = _write(fog, self.grid, path, self.path, self._index)
         self.path, self._fog, self._shape = path, fog, self.grid.shape
 
 
@@ -69,18 +66,20 @@ def write_in_place_of(source: Path, grid: DensityGrid, path: Path) -> None:
     _write(vdb.fog_of(grid, path), grid, path, source, index)
 
 
-def _write(fog: Any, grid: DensityGrid, path: Path, source: Path, index: int) -> None:
+def _write(fog: Any, grid: DensityGrid, path: Path, source: Path, index: int | None) -> int | None:
+    """Returns the index once more, or None where ``source`` has turned out to hold nothing else."""
     with replacing(path) as part, _scratch(part, 2) as (written, renewed):
         vdb.save(fog, grid, written, path)
-        if _outdated(lay_out(source)):
+        if index is not None and _outdated(lay_out(source)):
             vdb.renew(source, renewed, path)
             source = renewed
-        if _has_more(source, written):
-            with part.open("wb") as target:
-                _join(source, index, written, target)
-            vdb.whole(part, path)
-        else:
+        if index is None or not _has_more(source, written):
             os.replace(written, part)
+            return None
+        with part.open("wb") as target:
+            _join(source, index, written, target)
+        vdb.whole(part, path)
+    return index
 
 
 @contextmanager
