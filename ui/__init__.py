@@ -12,6 +12,7 @@ _MODULES = (
     "view_panel",
     "stress_panel",
     "strokes_panel",
+    "live_view",
     "tool",
 )
 

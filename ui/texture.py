@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A grid's density on the graphics card, kept up box by box, and the greatest density of each brick beside it."""
+
+from __future__ import annotations
+
+import gpu
+import numpy as np
+from gpu.types import Buffer, GPUShader, GPUTexture
+
+from ..core.grid import BRICK, Box
+from . import shaders
+
+DENSITY_FORMAT = "R16F"
+"""11 bits, enough to look at, and half the memory of the array."""
+BRICK_FORMAT = "R16F"
+ROUNDED = 1.0 + 2.0**-10
+"""Half floats round; what is asked of a brick is an upper bound."""
+
+
+class DensityTexture:
+    """Texture x is the grid's axis 2, so that arrays are uploaded as they lie.
+
+    ``density`` (nz, ny, nx texels) and ``bricks``, one texel for each brick: no density that is interpolated within the
+    brick exceeds it. ``uploads`` and ``patches`` count what was sent.
+    """
+
+    def __init__(self) -> None:
+        self.density: GPUTexture | None = None
+        self.bricks: GPUTexture | None = None
+        self.shape = (0, 0, 0)
+        self.uploads = self.patches = 0
+        self._shader: GPUShader | None = None
+
+    def upload(self, density: np.ndarray) -> None:
+        """Send a whole grid, float32 (nx, ny, nz), C-contiguous."""
+        self.shape = density.shape
+        self.density = _texture(density, DENSITY_FORMAT)
+        self.bricks = _texture(brick_maxima(density, (0, 0, 0), _bricks(density.shape)), BRICK_FORMAT)
+        self.uploads += 1
+
+    def patch(self, density: np.ndarray, box: Box) -> None:
+        """Send the voxels of a half-open box of the grid that was uploaded."""
+        low = [min(max(v, 0), n) for v, n in zip(box[0], self.shape)]
+        high = [min(max(v, 0), n) for v, n in zip(box[1], self.shape)]
+        if any(a >= b for a, b in zip(low, high)):
+            return
+        if self._shader is None:
+            self._shader = shaders.patch_shader(DENSITY_FORMAT)
+        self._store(self.density, density[tuple(slice(a, b) for a, b in zip(low, high))], low)
+        # Interpolation reaches one voxel beyond, and with it into the next brick.
+        first = [max(v - 1, 0) // BRICK for v in low]
+        last = [min(v // BRICK + 1, n) for v, n in zip(high, _bricks(self.shape))]
+        self._store(self.bricks, brick_maxima(density, first, last), first)
+        self.patches += 1
+
+    def _store(self, texture: GPUTexture, values: np.ndarray, first: list[int]) -> None:
+        shader, size = self._shader, values.shape[::-1]
+        shader.bind()
+        shader.uniform_sampler("patch_", _texture(values, "R32F"))
+        shader.image("density", texture)
+        shader.uniform_int("first", first[::-1])
+        shader.uniform_int("size", size)
+        gpu.compute.dispatch(shader, *(-(-n // shaders.GROUP) for n in size))
+
+
+def brick_maxima(density: np.ndarray, first, last) -> np.ndarray:
+    """The greatest density of each brick from ``first`` up to ``last`` (indices of bricks), and of the voxels around it."""
+    low = [max(b * BRICK - 1, 0) for b in first]
+    part = density[tuple(slice(a, b * BRICK + 1) for a, b in zip(low, last))]
+    for axis, (begin, end) in enumerate(zip(first, last)):
+        starts = np.arange(begin, end) * BRICK - low[axis]
+        inner = np.maximum.reduceat(part, np.maximum(starts, 0), axis=axis)
+        before = part.take(np.maximum(starts - 1, 0), axis)
+        after = part.take(np.minimum(starts + BRICK, part.shape[axis] - 1), axis)
+        part = np.maximum(np.maximum(inner, before), after)
+    return part * np.float32(ROUNDED)
+
+
+def _bricks(shape: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(-(-n // BRICK) for n in shape)
+
+
+def _texture(values: np.ndarray, texture_format: str) -> GPUTexture:
+    values = np.ascontiguousarray(values, np.float32)
+    return GPUTexture(values.shape[::-1], format=texture_format, data=Buffer("FLOAT", values.size, values.ravel()))
