@@ -120,8 +120,8 @@ def shown() -> list[Path]:
 
 
 def path_of(volume: bpy.types.Volume) -> Path:
-    """The file of a volume, absolute."""
-    return Path(bpy.path.abspath(volume.filepath, library=volume.library))
+    """The file of a volume, absolute and without ".."."""
+    return Path(os.path.normpath(bpy.path.abspath(volume.filepath, library=volume.library)))
 
 
 def root() -> Path:

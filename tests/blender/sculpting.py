@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the tests of sessions share: a small volume, and strokes that are quick to make and to recognise."""
 
+import os
 from pathlib import Path
 
 import bpy
@@ -35,7 +36,7 @@ def stroke(obj, seed, push=True):
 
 
 def file_of(obj):
-    return Path(bpy.path.abspath(obj.data.filepath))
+    return Path(os.path.normpath(bpy.path.abspath(obj.data.filepath)))
 
 
 def in_file(obj):
