@@ -9,7 +9,7 @@ import bpy
 
 from ..core.resample import SAME_SIZE, resample, resampled_shape
 from .memory import draw_memory
-from .session import close_session, live
+from .session import follow
 from .volumes import OnActiveVolume, active_volume, density_of, note, show
 
 
@@ -55,10 +55,7 @@ class REPOUSSE_OT_resample_volume(OnActiveVolume, bpy.types.Operator):
 
     def execute(self, context):
         volume = active_volume(context).data
-        session = live()
         try:
-            if session is not None and session.engine is not None:
-                raise ValueError("a stroke is under way: finish it first")
             grid = density_of(volume)
             if isclose(grid.voxel_size, self.voxel_size, rel_tol=SAME_SIZE):
                 raise ValueError("the voxels have this size already: choose another")
@@ -66,8 +63,7 @@ class REPOUSSE_OT_resample_volume(OnActiveVolume, bpy.types.Operator):
         except (ValueError, MemoryError) as error:
             self.report({"ERROR"}, str(error) or "There is not enough memory: choose larger voxels")
             return {"CANCELLED"}
-        if session is not None and session.volume_uid == volume.session_uid:
-            close_session()  # it holds the former voxels; the tool opens the new ones
+        follow()  # the voxels that are held live, where they are this volume's
         return {"FINISHED"}
 
 

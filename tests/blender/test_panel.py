@@ -109,7 +109,8 @@ def test_memory_is_told_for_what_is_there(block):
 
 
 def test_the_level_is_found_until_it_is_set_by_hand_and_then_again(session):
-    level, told = session.auto_level, bpy.context.object.data.repousse
+    session.auto_level = level = 0.375
+    told = bpy.context.object.data.repousse
     paper = draw(bpy.types.REPOUSSE_PT_view)
     assert f"Automatic: {level:.2f}" in paper.texts
     assert (told, "level") not in paper.shown("prop")
@@ -161,7 +162,7 @@ def test_drawing_takes_as_long_for_any_volume_and_any_number_of_strokes(session,
     monkeypatch.setattr(Path, "open", refuse)
     for name in "histogram_picture", "stress_picture":
         monkeypatch.setattr(plots, name, refuse)
-    monkeypatch.setattr(session, "grid", None)
+    monkeypatch.setattr(type(session), "grid", None)
     assert {name: len(paper.calls) for name, paper in shown().items()} == calls
     assert bpy.app.timers.is_registered(plots.make_wanted)
 
@@ -180,7 +181,7 @@ def test_plots_are_made_when_what_they_show_has_changed_and_only_then(session, i
     assert made == [2]
     session.last_trace.append((4.5, 2.5, 1.5))  # it grows while a stroke runs
     draw(bpy.types.REPOUSSE_PT_stress), plots.make_wanted()
-    session.last_trace = [*session.last_trace[:2], (4.5, 2.0, 1.5)]  # another stroke, as long
+    session.last_trace[-1] = 4.5, 2.0, 1.5  # another stroke, as long and where that one was in memory
     draw(bpy.types.REPOUSSE_PT_stress), plots.make_wanted()
     assert made == [2, 3, 3]
     drawn = np.array(plots._slots["stress"].preview.image_pixels_float).reshape(plots.SIDE, plots.SIDE, 4)

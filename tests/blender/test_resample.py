@@ -97,12 +97,11 @@ def test_the_same_size_makes_nothing(bar):
 
 def test_the_live_grid_does_not_stay_behind(bar):
     volume, grid = bar
-    sessions.open_session(volume)
-    bpy.ops.repousse.resample_volume(voxel_size=grid.voxel_size / 2)
-    live = sessions.live()
-    assert live is None or live.grid.shape == tuple(volume.data.repousse.shape)
+    session = sessions.open_session(volume)
     try:
-        assert sessions.open_session(volume).grid.shape == tuple(2 * n for n in grid.shape)
+        bpy.ops.repousse.resample_volume(voxel_size=grid.voxel_size / 2)
+        assert session.grid.shape == tuple(2 * n for n in grid.shape)
+        assert sessions.open_session(volume) is session
     finally:
         sessions.close_session()
 

@@ -207,11 +207,33 @@ def test_progress_is_told_pose_by_pose_and_ends_also_on_failure(block):
     assert windows.told == [("begin", 0, count), 0, 1, "end"]
 
 
-def test_replay_while_the_volume_is_held_live_leaves_nothing_behind(block):
-    sessions.open_session(block)
+def test_replay_while_the_volume_is_held_live_changes_what_is_held_and_seen(block):
+    session = sessions.open_session(block)
     try:
+        assert session.take_changes() == (True, []) and session.take_changes() == (False, [])
         text = strokes.keep(push_down(), block.data)
+        former = block.data.filepath
         bpy.ops.repousse.replay_kept_stroke(text=text.name)
-        assert sessions.open_session(block).grid.density.tobytes() == grid_of(block).density.tobytes()
+        assert sessions.live() is session and block.data.filepath != former
+        assert session.take_changes() == (True, [])
+        assert session.grid.density.tobytes() == grid_of(block).density.tobytes()
     finally:
         sessions.close_session()
+
+
+def test_replay_holds_nothing_that_was_not_held_and_keeps_the_other_grids(block, tmp_path):
+    bpy.utils.expose_bundled_modules()
+    import openvdb
+
+    heat = openvdb.FloatGrid()
+    heat.name = "heat"
+    heat.fill((0, 0, 0), (3, 4, 5), 300.0)
+    grids, _ = openvdb.readAll(bpy.path.abspath(block.data.filepath))
+    openvdb.write(str(tmp_path / "two.vdb"), grids=[*grids, heat])
+    block.data.filepath = str(tmp_path / "two.vdb")
+    text = strokes.keep(push_down(), block.data)
+    assert bpy.ops.repousse.replay_kept_stroke(text=text.name) == {"FINISHED"}
+    assert sessions.live() is None
+    assert block.data.filepath != str(tmp_path / "two.vdb")
+    kept = openvdb.read(bpy.path.abspath(block.data.filepath), "heat")
+    assert kept.activeVoxelCount() == 4 * 5 * 6 and kept.evalMinMax() == (300.0, 300.0)
