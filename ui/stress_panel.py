@@ -8,6 +8,7 @@ import bpy
 from ..core import Regime
 from ..operators.session import Session, live
 from ..operators.volumes import active_volume
+from . import tool
 from .panel import OfVolume
 from .plots import stress_plot
 
@@ -28,7 +29,9 @@ class REPOUSSE_PT_stress(OfVolume, bpy.types.Panel):
     def draw(self, context):
         session = live()
         if session is None or session.volume_uid != active_volume(context).data.session_uid:
-            self.layout.label(text="Choose the tool to sculpt this volume")
+            say = bpy.app.translations.pgettext_iface
+            text = tool.refusal() or say("Choose the tool to sculpt this volume")
+            self.layout.label(text=text, translate=False)
             return
         _draw_felt(self.layout.column(align=True), session)
         trace = session.last_trace if session.engine is None else session.engine.trace

@@ -7,6 +7,7 @@ import bpy
 
 from ..operators.automatic_level import REPOUSSE_OT_automatic_level, level_of
 from ..operators.volumes import active_volume
+from .live_view import cannot_show
 from .panel import OfVolume
 from .plots import histogram_plot
 
@@ -22,6 +23,10 @@ class REPOUSSE_PT_view(OfVolume, bpy.types.Panel):
         layout, told = self.layout, active_volume(context).data.repousse
         layout.use_property_split = True
         layout.use_property_decorate = False
+        say = bpy.app.translations.pgettext_iface
+        reason = cannot_show(context.space_data)
+        if reason is not None:
+            layout.label(text=say(reason), icon="ERROR", translate=False)
         layout.prop(context.scene.repousse, "shading", expand=True)
         level = level_of(active_volume(context).data)
         row = layout.row(align=True)
@@ -29,7 +34,6 @@ class REPOUSSE_PT_view(OfVolume, bpy.types.Panel):
             row.prop(told, "level", slider=True)
             row.operator(REPOUSSE_OT_automatic_level.bl_idname, text="", icon="LOOP_BACK").automatic = True
         else:
-            say = bpy.app.translations.pgettext_iface
             found = say("Automatic") if level is None else say("Automatic: {:.2f}").format(level)
             row.label(text=say("Visible Level"), translate=False)
             row.operator(

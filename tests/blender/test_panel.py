@@ -16,7 +16,8 @@ from repousse.core.histogram import BINS, histogram
 from repousse.core.material import largest_yield_ratio
 from repousse.operators import session as sessions
 from repousse.operators import strokes
-from repousse.ui import plots
+from repousse.ui import plots, tool
+from repousse.ui.live_view import cannot_show
 from repousse.ui.stress_panel import REGIMES
 
 from .paper import draw, rna_of
@@ -43,6 +44,15 @@ def panels():
 def shown():
     """What each panel that is there draws, by its name."""
     return {kind.__name__: draw(kind) for kind in panels()}
+
+
+@pytest.fixture(autouse=True)
+def view():
+    """Where the panels are: the sidebar of a 3D view."""
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    with bpy.context.temp_override(window=window, area=area):
+        yield area.spaces.active
 
 
 @pytest.fixture
@@ -123,6 +133,17 @@ def test_the_level_is_found_until_it_is_set_by_hand_and_then_again(session):
     assert paper.operators()["repousse.automatic_level"] == {"automatic": True}
     bpy.ops.repousse.automatic_level(automatic=True)
     assert not told.is_property_set("level")
+
+
+def test_a_view_that_cannot_show_the_live_volume_says_so(block, view):
+    told = draw(bpy.types.REPOUSSE_PT_view).texts
+    view.overlay.show_overlays, view.shading.type = False, "MATERIAL"
+    assert [*draw(bpy.types.REPOUSSE_PT_view).texts[:1], *told] == [cannot_show(view), *told]
+
+
+def test_a_volume_that_cannot_be_sculpted_says_why(block, monkeypatch):
+    monkeypatch.setattr(tool, "_refused", (("key",), "Clay: is linked from another file: make it local first"))
+    assert draw(bpy.types.REPOUSSE_PT_stress).texts == ["Clay: is linked from another file: make it local first"]
 
 
 def test_the_stress_is_told_while_a_stroke_runs_and_after_it(session):
@@ -308,7 +329,7 @@ def test_every_label_can_be_translated():
                 told = isinstance(named.get("translate"), ast.Constant) and named["translate"].value is False
                 assert whole or (told and not isinstance(named["text"], ast.JoinedStr)), where
             if function in {"say", "pgettext_iface"}:
-                assert isinstance(call.args[0], (ast.Constant, ast.Subscript, ast.Call)), where
+                assert not isinstance(call.args[0], (ast.JoinedStr, ast.BinOp)), where
     assert seen > 30
 
 
