@@ -259,7 +259,9 @@ def test_off_the_surface_it_glides_and_comes_back():
     values[FIRST:, :60] = 1.0
     values[FIRST + 3 :, 100:] = 1.0
     guide = Guide(Surface(DensityGrid(values), 0.5), PLAIN, looking_up())
-    samples = drag(guide, (30, 20), (130, 20), 23)
+    samples = drag(guide, (30, 20), (80, 20), 11)
+    assert guide.hit.position == pytest.approx((HEIGHT, 80, 20), abs=0.05)
+    samples += guide.move(130, 20)
     assert guide.hit.position == pytest.approx((FIRST + 2.5, 130, 20), abs=1e-6)
     way = centres(samples)
     gap = way[(way[:, 1] > 64.0) & (way[:, 1] < 96.0)]

@@ -158,7 +158,7 @@ def test_a_sheet_before_a_block_has_its_own_normal():
 def test_a_ray_that_begins_in_material_meets_it_there():
     grid, centre = ball(40, 12.0)
     inside = centre + np.array((3.0, 4.0, 0.0))
-    hit = Surface(grid, 0.5).hit(inside, (0, 0, 1))
+    hit = Surface(grid, 0.5).hit(inside, (0, 0, 3))
     assert hit.position == pytest.approx(tuple(inside))
     assert hit.normal == pytest.approx((0, 0, -1))  # uniform density has no way out: against the ray
 
