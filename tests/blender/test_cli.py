@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 import pytest
 
-from repousse.core import DensityGrid, Material, Push, SphereTool, Stroke
+from repousse.core import DensityGrid, Material, Push, Sample, SphereTool, Stroke
 from repousse.core.formats import read_volume, write_volume
 from repousse.operators import cli
 
@@ -116,6 +116,28 @@ def test_a_stroke_that_began_on_the_grown_grid_counts_from_that(tmp_path, capfd)
     second.push(grid).follow(second)
     words = ["--stroke", tmp_path / "0.jsonl", "--stroke", tmp_path / "1.jsonl"]
     assert run(capfd, "push", "block:32", *words, "--out", tmp_path / "o.vdb")[0] == 0
+    assert read_volume(tmp_path / "o.vdb").density.tobytes() == grid.density.tobytes()
+
+
+@pytest.mark.parametrize("verb", ["push", "pull", "smooth"])
+def test_replays_verbs_and_mirrors(tmp_path, capfd, verb):
+    """After a stroke that made the grid grow: direction, strength and mirror are those of the volume that was given."""
+    first = Stroke.line((16, 16, 16), (4, 16, 16), tool=SphereTool(5.0))
+    flow = None if verb == "push" else (0.0, 0.0, 1.0)
+    samples = [Sample(0.0, (9.0 + 0.4 * n, 12.0, 19.0), direction=flow, strength=0.5) for n in range(8)]
+    second = Stroke(samples, SphereTool(4.0), verb=verb, symmetry="xy", mirror=(15.5, 15.5, 15.5))
+    grid = DensityGrid(np.full((32, 32, 32), 0.8))
+    push = first.push(grid)
+    push.follow(first)
+    assert push.origin != (0, 0, 0)
+    grown = second.moved_by(-np.array(push.origin))
+    contacts = grown.push(grid).follow(grown)
+    assert sum(contact.moved_mass for contact in contacts) > 10.0
+    words = []
+    for n, stroke in enumerate((first, second)):
+        stroke.save(tmp_path / f"{n}.jsonl")
+        words += ["--stroke", tmp_path / f"{n}.jsonl"]
+    assert run(capfd, "push", "block:32:0.8", *words, "--out", tmp_path / "o.vdb")[0] == 0
     assert read_volume(tmp_path / "o.vdb").density.tobytes() == grid.density.tobytes()
 
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Smooth: density evens out inside the tool, none is made or lost, and nothing else changes."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -42,7 +44,7 @@ def test_mass_bounds_and_roughness(kernels, tool, strength):
     for place in places():
         push.move_to(place, strength=strength)
         rough.append(roughness(grid.density))
-    assert all(after <= before for before, after in zip(rough, rough[1:]))
+    assert all(after <= before for before, after in pairwise(rough))
     assert rough[-1] < 0.97 * rough[0]
     assert grid.mass == pytest.approx(mass, rel=1e-7)
     assert grid.density.min() >= 0.0 and grid.density.max() <= 1.0
@@ -64,7 +66,7 @@ def test_stronger_is_smoother(kernels):
         grid = bumpy()
         walk(smoother(grid), places(), strength=strength)
         rough.append(roughness(grid.density))
-    assert all(after < 0.99 * before for before, after in zip(rough, rough[1:]))
+    assert all(after < 0.99 * before for before, after in pairwise(rough))
 
 
 def test_a_checkerboard_is_gone(kernels):
@@ -79,18 +81,18 @@ def test_a_checkerboard_is_gone(kernels):
 def test_holding_still_does_nothing_more(kernels):
     """The first contact smooths once; then it takes a quarter radius of travel, however that is cut."""
     grid = bumpy()
-    push, start = smoother(grid, 8), np.array((15.0, MIDDLE, MIDDLE))
+    push, start = smoother(grid, 8), (15.0, MIDDLE, MIDDLE)
     contact = push.move_to(start)
     assert contact.moved_mass > 1.0 and contact.regime is Regime.PLASTIC
     once = grid.density.tobytes()
     for _ in range(3):
         assert push.move_to(start).moved_mass == 0.0
-    moved = [push.move_to(start + (0.19 * n, 0, 0)).moved_mass for n in range(1, 11)]
+    moved = [push.move_to((15.0 + 0.19 * n, MIDDLE, MIDDLE)).moved_mass for n in range(1, 11)]
     assert not any(moved) and grid.density.tobytes() == once  # 1.9 voxels
-    moved = [push.move_to(start + (0.19 * n, 0, 0)).moved_mass for n in range(11, 22)]
+    moved = [push.move_to((15.0 + 0.19 * n, MIDDLE, MIDDLE)).moved_mass for n in range(11, 22)]
     assert [n for n, mass in enumerate(moved, start=11) if mass > 0.0] == [11]  # 2.09 voxels; the next is at 4
     push.lift()
-    assert push.move_to(start + (3.99, 0, 0)).moved_mass > 0.0
+    assert push.move_to((15.0 + 3.99, MIDDLE, MIDDLE)).moved_mass > 0.0
 
 
 def test_spacing_does_not_matter(kernels):

@@ -26,6 +26,8 @@ samples = st.builds(
     rotation=st.tuples(finite, finite, finite, finite),
     radius=st.none() | sizes,
     quality=st.text(max_size=8),
+    direction=st.none() | st.sampled_from([(0.0, -1.0, 0.0), (0.6, 0.0, -0.8), (0.36, 0.48, 0.8)]),
+    strength=st.none() | st.floats(0.0, 1.0),
 )
 tools = st.one_of(
     sizes.map(SphereTool),
@@ -43,7 +45,9 @@ strokes = st.builds(
     band=st.none() | st.floats(0.0, 100.0),
     rim=st.floats(0.0, 10.0),
     wake=st.floats(0.0, 10.0),
+    verb=st.sampled_from(["push", "pull", "smooth"]),
     symmetry=st.sampled_from(["", "x", "xyz"]),
+    mirror=st.none() | vectors,
     continuous=st.booleans(),
     voxel_size=st.none() | st.floats(1e-6, 10.0),
     grid_hash=st.none() | st.text("0123456789abcdef", min_size=32, max_size=32),
@@ -125,6 +129,53 @@ def test_a_replay_leads_to_the_same_voxels(kernels, options, tmp_path):
     loaded.push(again).follow(loaded)
     assert again.shape == first.shape
     assert again.density.tobytes() == first.density.tobytes()
+
+
+def test_only_what_is_said_is_written(tmp_path):
+    """A sample without direction and strength has the lines it always had; files from before are read as ever."""
+    plain, told = Sample(0.0, (1.0, 2.0, 3.0)), Sample(0.0, (1.0, 2.0, 3.0), direction=(0.0, 0.0, 1.0), strength=0.5)
+    Stroke([plain, told]).save(tmp_path / "stroke")
+    lines = (tmp_path / "stroke").read_text(encoding="utf-8").splitlines()
+    assert set(json.loads(lines[1])) == {"time", "position", "rotation", "radius", "quality"}
+    assert set(json.loads(lines[2])) == set(json.loads(lines[1])) | {"direction", "strength"}
+    header = json.loads(lines[0])
+    del header["mirror"]
+    (tmp_path / "old").write_text("\n".join([json.dumps(header), *lines[1:]]), encoding="utf-8")
+    assert Stroke.load(tmp_path / "old") == Stroke([plain, told])
+
+
+def test_a_direction_is_read_as_a_unit_vector(tmp_path):
+    """To a thousandth; and once it is one it stays so to the last bit, however often it is written."""
+    along = (0.6003, 0.0, 0.8004)
+    path = tmp_path / "stroke"
+    Stroke([Sample(0.0, (1.0, 2.0, 3.0), direction=along)]).save(path)
+    read = Stroke.load(path).samples[0].direction
+    assert np.linalg.norm(read) == pytest.approx(1.0, abs=1e-15) and read == pytest.approx(along, abs=1e-3)
+    Stroke([Sample(0.0, (1.0, 2.0, 3.0), direction=read)]).save(path)
+    assert Stroke.load(path).samples[0].direction == read
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"direction": [0, 0, 1.01]},
+        {"direction": [0, 0, 0]},
+        {"direction": [0, 1]},
+        {"direction": [0, 0, float("inf")]},
+        {"direction": "xyz"},
+        {"direction": 7},
+        {"strength": 1.01},
+        {"strength": -0.01},
+        {"strength": float("nan")},
+        {"strength": "half"},
+    ],
+    ids=str,
+)
+def test_bad_directions_and_strengths(tmp_path, said):
+    path, lines = saved(tmp_path)
+    lines[2] = json.dumps(json.loads(lines[2]) | said)
+    path.write_text("\n".join(lines), encoding="utf-8")
+    refused(path, 3)
 
 
 def test_hash_is_of_the_voxels():

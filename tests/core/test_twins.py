@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from repousse.core import BoxTool, CapsuleTool, DensityGrid, Material, Push, SphereTool, dispersion, native, rim
-from repousse.core.native.state import BORDERS, DONE, Workspace, no_box
+from repousse.core import BoxTool, CapsuleTool, DensityGrid, Material, Push, SphereTool, dispersion, native, rim, smooth
+from repousse.core.native.state import BORDERS, DONE, Workspace, box_from, no_box
 from repousse.core.plasticity import estimate
 from repousse.core.recursion import disperse_recursively
 
@@ -106,6 +106,48 @@ def test_empty_and_put_back(workspaces, tool, axis, packed):
         assert not work.emptied_box.any()
 
 
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (0.6, -0.48, 0.64)])
+@pytest.mark.parametrize("volume", VOLUMES)
+@pytest.mark.parametrize("tool", TOOLS)
+def test_density_behind_and_loosen(workspaces, tool, volume, direction):
+    values = VOLUMES[volume]()
+    works = workspaces(values, TOOLS[tool], (17.3, 17.1, 18.9))
+    dense = [dispersion.density_behind(work, direction) for work in works]
+    same(*dense)
+    assert 0.3 < dense[0] <= 1.0
+    for work in works:
+        dispersion.loosen(work, dispersion.dominant_axis(direction), dense[0], 0.4)
+    compiled, numpy = works
+    same(compiled.density, numpy.density)
+    same(compiled.emptied_box, numpy.emptied_box)
+    taken = float((values - numpy.density).sum(dtype=np.float64))
+    assert taken > 50.0
+    for name in ("mass", "tool_loss", "reach_loss"):
+        same(getattr(compiled.emptied, name), getattr(numpy.emptied, name), taken)
+    assert numpy.emptied.mass + numpy.emptied.carry == pytest.approx(taken, rel=1e-6)
+
+
+@pytest.mark.parametrize("centre", [(17.3, 16.1, 18.9), (1.0, 33.5, 17.5), (60.0, 0.0, 0.0)])
+@pytest.mark.parametrize("volume", VOLUMES)
+@pytest.mark.parametrize("tool", TOOLS)
+def test_smooth(workspaces, tool, volume, centre):
+    values = VOLUMES[volume]()
+    works = workspaces(values, TOOLS[tool], centre)
+    exchanged = [smooth.smooth(work, 0.7, 5) for work in works]
+    compiled, numpy = works
+    same(compiled.density, numpy.density)
+    assert exchanged[0] == pytest.approx(exchanged[1], rel=1e-4, abs=1e-4)
+    for work in works:
+        changed = np.argwhere(work.density != values)
+        assert not work.buffer.any()
+        assert (len(changed) > 0) == (exchanged[0] > 0.0)
+        if len(changed):
+            (low, high) = box_from(work.sweep.dirty)
+            assert (changed >= low).all() and (changed < high).all()
+        else:
+            assert box_from(work.sweep.dirty) is None
+
+
 DIRECTIONS = [
     (1.0, 0.0, 0.0),
     (0.0, -1.0, 0.0),
@@ -183,13 +225,13 @@ def test_recursion(workspaces):
     same(works[0].density, works[1].density)
 
 
-def compared(values, tool, path, monkeypatch, kappa=0.03, **options):
+def compared(values, tool, path, monkeypatch, kappa=0.03, said=None, **options):
     """Distance between the outcomes of both kinds of kernels for one path, and their contacts."""
     ends, contacts = [], []
     for name in BOTH:
         with kernels_chosen(monkeypatch, name):
             push = Push(DensityGrid(values), tool, Material(3.3, kappa), **options)
-        contacts.append(walk(push, path))
+        contacts.append(walk(push, path, **(said or {})))
         ends.append((push.grid.density, push.origin))
     (compiled, origin), (numpy, numpy_origin) = ends
     assert origin == numpy_origin and compiled.shape == numpy.shape
@@ -223,6 +265,14 @@ def test_pushes_with_each_tool(monkeypatch, tool, band):
     path = line((4.0, 14.0, 17.0), (14.0, 18.0, 17.5), 0.7)
     values = VOLUMES["packed" if band else "noise"]()
     assert compared(values, TOOLS[tool], path, monkeypatch, band=band, border="wall", kappa=0.01) <= WITHIN
+
+
+@pytest.mark.parametrize("verb", ["pull", "smooth"])
+@pytest.mark.parametrize("tool", TOOLS)
+def test_verbs(monkeypatch, tool, verb):
+    path = line((14.0, 14.0, 17.0), (19.0, 20.0, 17.5), 0.7)
+    said = {"direction": (-0.8, 0.0, 0.6), "strength": 0.4}
+    assert compared(VOLUMES["noise"](), TOOLS[tool], path, monkeypatch, said=said, verb=verb) <= WITHIN
 
 
 def test_push_through_a_saturated_block(monkeypatch):
