@@ -33,12 +33,12 @@ def draw_memory(layout: bpy.types.UILayout, context: bpy.types.Context, shape: S
     if prod(map(int, shape)) > MAX_VOXELS:
         column.label(text="More than can be sculpted: choose larger voxels", icon="ERROR")
         return
-    draw_memory_line(column, shape)
+    draw_memory_line(column, shape, icon="BLANK1")
 
 
-def draw_memory_line(layout: bpy.types.UILayout, shape: Sequence[int]) -> None:
+def draw_memory_line(layout: bpy.types.UILayout, shape: Sequence[int], icon: str = "NONE") -> None:
     """One line on what a volume takes."""
     clay, view, history = mebibytes(shape)
     text = bpy.app.translations.pgettext_iface("{:.3g} MiB (clay {:.3g}, view {:.3g}, undo {:.3g})")
     text = text.format(clay + view + history, clay, view, history)
-    layout.label(text=text, icon="BLANK1", translate=False)
+    layout.label(text=text, icon=icon, translate=False)

@@ -39,7 +39,7 @@ class REPOUSSE_PT_stress(OfVolume, bpy.types.Panel):
         if trace and plot.icon and plot.up > 0.0:
             self.layout.template_icon(plot.icon, scale=PLOT_SCALE)
             say = bpy.app.translations.pgettext_iface
-            text = say("Up to {:.2f} N, over {:.1f} voxels of depth").format(plot.up, plot.across)
+            text = say("Up to {:.3f} N, over {:.1f} voxels of depth").format(plot.up, plot.across)
             legend = self.layout.column(align=True)
             legend.label(text=text, translate=False)
             legend.label(text="Orange: stress. Blue: where it yields")
@@ -57,8 +57,8 @@ def _draw_felt(column: bpy.types.UILayout, session: Session) -> None:
         column.label(text="No stroke yet")
         return
     column.label(text=regime, translate=False)
-    column.label(text=say("Stress {:.2f} N").format(stress), translate=False)
-    column.label(text=say("Yields at {:.2f} N").format(yield_stress), translate=False)
+    column.label(text=say("Stress {:.3f} N").format(stress), translate=False)
+    column.label(text=say("Yields at {:.3f} N").format(yield_stress), translate=False)
 
 
 def register():

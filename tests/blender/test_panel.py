@@ -151,10 +151,10 @@ def test_the_stress_is_told_while_a_stroke_runs_and_after_it(session):
     contact = SimpleNamespace(regime=Regime.PLASTIC, stress=1.25, yield_stress=1.5)
     session.engine = SimpleNamespace(contact=contact, trace=[(0.0, 0.0, 1.0)], cancel=lambda: None)
     texts = draw(bpy.types.REPOUSSE_PT_stress).texts
-    assert REGIMES[Regime.PLASTIC] in texts and "Stress 1.25 N" in texts and "Yields at 1.50 N" in texts
+    assert REGIMES[Regime.PLASTIC] in texts and "Stress 1.250 N" in texts and "Yields at 1.500 N" in texts
     session.engine, session.last_trace = None, [(0.0, 0.0, 1.0), (3.0, 0.75, 0.5)]
     texts = draw(bpy.types.REPOUSSE_PT_stress).texts
-    assert "End of the last stroke" in texts and "Stress 0.75 N" in texts and "Yields at 0.50 N" in texts
+    assert "End of the last stroke" in texts and "Stress 0.750 N" in texts and "Yields at 0.500 N" in texts
     assert set(REGIMES) == set(Regime)
 
 
@@ -197,7 +197,7 @@ def test_plots_are_made_when_what_they_show_has_changed_and_only_then(session, i
     plots.make_wanted()
     paper = draw(bpy.types.REPOUSSE_PT_stress)
     assert [call.given["icon_value"] for call in paper.calls if call.name == "template_icon"] == [7]
-    assert "Up to 2.50 N, over 4.0 voxels of depth" in paper.texts
+    assert "Up to 2.500 N, over 4.0 voxels of depth" in paper.texts
     plots.make_wanted()
     assert made == [2]
     session.last_trace.append((4.5, 2.5, 1.5))  # it grows while a stroke runs
