@@ -151,9 +151,11 @@ def _line(picture: np.ndarray, x: np.ndarray, y: np.ndarray, colour: Colour, wid
     away = np.hypot(rows - y[:, None, None], columns - x[:, None, None])
     share = np.clip(width + 0.5 - away, 0.0, 1.0).astype(np.float32)
     np.maximum.at(cover, (rows * SIDE + columns).ravel(), share.ravel())  # the margin has room for the whole width
-    cover = cover.reshape(SIDE, SIDE, 1)
-    picture[..., :3] += cover * (np.array(colour, np.float32) - picture[..., :3])
-    picture[..., 3:] = np.maximum(picture[..., 3:], cover)
+    pixels = picture.reshape(-1, 4)
+    at = np.flatnonzero(cover)
+    part = cover[at, None]
+    pixels[at, :3] += part * (np.array(colour, np.float32) - pixels[at, :3])
+    pixels[at, 3:] = np.maximum(pixels[at, 3:], part)
 
 
 def _ink() -> Colour:
