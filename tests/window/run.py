@@ -19,6 +19,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -49,16 +50,6 @@ class Outcome:
     figures: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass
-class Seen:
-    """What one Blender did: how many scenarios it began, the outcomes, all scenarios there are, what else it said."""
-
-    begun: int = 0
-    outcomes: list[Outcome] = field(default_factory=list)
-    plan: list[dict] = field(default_factory=list)
-    console: list[str] = field(default_factory=list)
-
-
 class Session:
     """A Blender with the extension, started as often as it is needed, in one user folder."""
 
@@ -70,22 +61,25 @@ class Session:
 
     def plan(self) -> list[dict]:
         """All scenarios there are, as drive.py tells them. Raises StepError."""
-        seen = self._run([self.blender, "--background"], [])
-        if not seen.plan:
-            raise StepError("\n".join(["the scenarios cannot be loaded", *seen.console[-TAIL:]]))
-        return seen.plan
+        with self._started([self.blender, "--background"], []) as watch:
+            for _ in watch.outcomes():
+                pass
+        if not watch.plan:
+            raise StepError("\n".join(["the scenarios cannot be loaded", *watch.console[-TAIL:]]))
+        return watch.plan
 
     def play(self, names: list[str], backend: str = "") -> Iterator[Outcome]:
         """Play scenarios in one Blender with a window, or in a new one from where one did not come through."""
         command = [self.blender, *WINDOW, "--enable-event-simulate", *(["--gpu-backend", backend] if backend else [])]
         while names:
-            seen = self._run(command, names, backend)
-            if not seen.outcomes:
-                raise StepError("\n".join(["Blender did not come as far as a scenario", *seen.console[-TAIL:]]))
-            names = names[seen.begun :]
-            yield from seen.outcomes
+            with self._started(command, names, backend) as watch:
+                yield from watch.outcomes()
+            if not watch.begun:
+                raise StepError("\n".join(["Blender did not come as far as a scenario", *watch.console[-TAIL:]]))
+            names = names[watch.begun :]
 
-    def _run(self, command: list[str], names: list[str], backend: str = "") -> Seen:
+    @contextmanager
+    def _started(self, command: list[str], names: list[str], backend: str = "") -> Iterator[Watch]:
         told = {"names": names, "folder": str(self.folder), "backend": backend}
         drive = str(Path(__file__).with_name("drive.py"))
         process = subprocess.Popen(
@@ -97,79 +91,87 @@ class Session:
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            start_new_session=True,  # a wrapper's display ends with it
+            start_new_session=True,  # with a wrapper comes a display, which must end with it
         )
-        lines: queue.Queue[str | None] = queue.Queue()
-        reader = threading.Thread(target=_read, args=(process, lines))
-        reader.start()
+        watch = Watch(process)
         try:
-            return _watch(process, lines)
+            yield watch
         finally:
-            _end(process)
-            reader.join()
+            watch.end()
 
 
-def _read(process: subprocess.Popen, lines: queue.Queue) -> None:
-    for line in process.stdout:
-        lines.put(line.rstrip("\n"))
-    lines.put(None)
+class Watch:
+    """Follows what one Blender tells.
 
+    ``begun``: how many scenarios it has begun; ``plan``: all that there are; ``console``: what it said between them.
+    """
 
-def _end(process: subprocess.Popen) -> int:
-    """The exit code, as a shell has it, of a Blender that has closed its output; one that has not is ended."""
-    try:
-        code = process.wait(timeout=5.0)
-    except subprocess.TimeoutExpired:
-        if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.kill()
-        code = process.wait()
-    return code if code >= 0 else 128 - code
+    def __init__(self, process: subprocess.Popen):
+        self.begun = 0
+        self.plan: list[dict] = []
+        self.console: list[str] = []
+        self._process = process
+        self._lines: queue.Queue[str | None] = queue.Queue()
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
 
-
-def _watch(process: subprocess.Popen, lines: queue.Queue) -> Seen:
-    """Follow what a Blender tells until it ends, or says nothing for too long."""
-    seen = Seen()
-    playing: Outcome | None = None
-    leaves, allowed, began = 0, GRACE, time.monotonic()
-    said = seen.console
-    while True:
-        try:
-            line = lines.get(timeout=max(0.0, began + allowed - time.monotonic()))
-        except queue.Empty:
-            said.append(f"(Blender did nothing for {allowed:.0f} s and was ended)")
-            break
-        if line is None:
-            break
-        if not line.startswith(MARK):
-            said.append(line)
-            continue
-        told = json.loads(line.removeprefix(MARK))
-        match told["what"]:
-            case "plan":
-                seen.plan = told["plan"]
-            case "begins":
-                playing = Outcome(told["name"])
-                seen.outcomes.append(playing)
-                seen.begun += 1
-                said, leaves = [], told["leaves"]
-                began, allowed = time.monotonic(), told["limit"] + GRACE
-            case "figures":
-                seen.outcomes[-1].figures |= told["figures"]
-            case "ended":
-                playing.seconds = time.monotonic() - began
-                playing.error = _joined(told["error"], wrong_in(said))
-                playing, said, leaves = None, seen.console, 0
-                began, allowed = time.monotonic(), GRACE
-    code = _end(process)
-    if playing is None and code and seen.outcomes:
-        playing = Outcome("leaving Blender")
-        seen.outcomes.append(playing)
-    if playing is not None:
+    def outcomes(self) -> Iterator[Outcome]:
+        """The outcome of each scenario when it ends, until Blender does, or says nothing for too long."""
+        playing: Outcome | None = None
+        leaves, allowed, began = 0, GRACE, time.monotonic()
+        said = self.console
+        while True:
+            try:
+                line = self._lines.get(timeout=max(0.0, began + allowed - time.monotonic()))
+            except queue.Empty:
+                said.append(f"(Blender did nothing for {allowed:.0f} s and was ended)")
+                break
+            if line is None:
+                break
+            if not line.startswith(MARK):
+                said.append(line)
+                continue
+            told = json.loads(line.removeprefix(MARK))
+            match told["what"]:
+                case "plan":
+                    self.plan = told["plan"]
+                case "begins":
+                    playing, said, leaves = Outcome(told["name"]), [], told["leaves"]
+                    self.begun += 1
+                    began, allowed = time.monotonic(), told["limit"] + GRACE
+                case "figures":
+                    playing.figures |= told["figures"]
+                case "ended":
+                    playing.seconds = time.monotonic() - began
+                    playing.error = _joined(told["error"], wrong_in(said))
+                    yield playing
+                    playing, said, leaves = None, self.console, 0
+                    began, allowed = time.monotonic(), GRACE
+        code = self.end()
+        if playing is None and (self.begun == 0 or code == 0):
+            return
+        playing = playing or Outcome("leaving Blender")
         playing.seconds = time.monotonic() - began
         ended = None if code == leaves else "\n".join([f"Blender ended with exit code {code}", *said[-TAIL:]])
         playing.error = _joined(ended, wrong_in(said))
-    return seen
+        yield playing
+
+    def end(self) -> int:
+        """The exit code, as a shell has it, of a Blender that has closed its output; one that has not is ended."""
+        try:
+            code = self._process.wait(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            if hasattr(os, "killpg"):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.kill()
+            code = self._process.wait()
+        self._reader.join()
+        return code if code >= 0 else 128 - code
+
+    def _read(self) -> None:
+        for line in self._process.stdout:
+            self._lines.put(line.rstrip("\n"))
+        self._lines.put(None)
 
 
 def wrong_in(console: list[str]) -> str | None:
@@ -205,6 +207,7 @@ def play_all(session: Session, wanted: list[str], kind: str = "test") -> Iterato
 def main() -> int:
     """0 when every scenario passed; 1 with one line on stderr when it does not come to playing."""
     blender, wanted = sys.argv[1], sys.argv[2:] or ["*"]
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that Blender is ended as well
     failed = passed = 0
     try:
         with installed(blender) as (folder, environment):
