@@ -158,10 +158,11 @@ def test_the_stress_is_told_while_a_stroke_runs_and_after_it(session):
     assert set(REGIMES) == set(Regime)
 
 
-def test_another_volume_is_not_told_the_stress_of_this_one(session):
+def test_another_volume_is_not_told_the_stress_or_the_level_of_this_one(session):
     session.last_trace = [(0.0, 0.0, 1.0), (3.0, 0.75, 0.5)]
     bpy.ops.repousse.new_clay_block(resolution=8)
     assert draw(bpy.types.REPOUSSE_PT_stress).texts == ["Choose the tool to sculpt this volume"]
+    assert "Automatic" in draw(bpy.types.REPOUSSE_PT_view).texts
 
 
 def test_drawing_takes_as_long_for_any_volume_and_any_number_of_strokes(session, icons, monkeypatch):
