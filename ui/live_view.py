@@ -7,6 +7,8 @@ for as long as nothing in it would change: a cursor that moves costs no march.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import sqrt
 
@@ -118,15 +120,15 @@ class LiveView:
                 self._pictures.pop(next(iter(self._pictures)))
             picture = self._pictures[key] = _Picture(frame.width, frame.height)
         if picture.shows != (frame, self._version):
-            self._make(picture, frame)
+            with _state("NONE", False, "NONE"):
+                self._make(picture, frame)
             picture.shows = (frame, self._version)
-        self._show(picture)
+        with _state("LESS_EQUAL", True, "ALPHA_PREMULT"):
+            self._show(picture)
 
     def _make(self, picture: _Picture, frame: Frame) -> None:
         block = GPUUniformBuf(uniforms(frame, self.texture.shape))
         shader = self._march
-        gpu.state.depth_test_set("NONE")
-        gpu.state.blend_set("NONE")
         with picture.target.bind():
             shader.bind()
             shader.uniform_block("march", block)
@@ -137,16 +139,24 @@ class LiveView:
 
     def _show(self, picture: _Picture) -> None:
         shader = self._composite
-        gpu.state.depth_test_set("LESS_EQUAL")
-        gpu.state.depth_mask_set(True)
-        gpu.state.blend_set("ALPHA_PREMULT")
         shader.bind()
         shader.uniform_sampler("colours", picture.colours)
         shader.uniform_sampler("depths", picture.depths)
         _triangle(shader).draw(shader)
-        gpu.state.blend_set("NONE")
-        gpu.state.depth_mask_set(False)
-        gpu.state.depth_test_set("NONE")
+
+
+@contextmanager
+def _state(depth_test: str, depth_mask: bool, blend: str) -> Iterator[None]:
+    """What others draw after us is drawn as before."""
+    former = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
+    setters = gpu.state.depth_test_set, gpu.state.depth_mask_set, gpu.state.blend_set
+    try:
+        for put, value in zip(setters, (depth_test, depth_mask, blend)):
+            put(value)
+        yield
+    finally:
+        for put, value in zip(setters, former):
+            put(value)
 
 
 class _Picture:

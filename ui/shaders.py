@@ -38,7 +38,7 @@ COVERING = [(-1.0, -1.0), (3.0, -1.0), (-1.0, 3.0)]
 _CORNERS = "void main() { ndc = corner; gl_Position = vec4(corner, 0.0, 1.0); }"
 
 _DENSITY = """
-// Trilinear density, 0 outside the grid: clamped reading, and a ramp over the half voxel at the border and the one beyond.
+// Trilinear density, 0 outside the grid: what is clamped is read, and fades over the voxel beyond the border.
 float stored(vec3 v)
 {
   vec3 n = march.shape.xyz;
@@ -143,7 +143,8 @@ vec3 shade(vec3 v, vec3 way)
   vec3 n = vec3(dot(march.to_view_x.xyz, out_of), dot(march.to_view_y.xyz, out_of), dot(march.to_view_z.xyz, out_of));
   const vec3 clay = vec3(0.50, 0.235, 0.145);
   const vec3 key = vec3(-0.55, 0.65, 0.55), fill = vec3(0.8, -0.1, 0.45), edge = vec3(0.2, -0.6, -0.25);
-  vec3 light = vec3(0.10, 0.105, 0.12) + vec3(1.35, 1.27, 1.15) * towards(n, key) + vec3(0.16, 0.20, 0.27) * towards(n, fill);
+  vec3 light = vec3(0.10, 0.105, 0.12);
+  light += vec3(1.35, 1.27, 1.15) * towards(n, key) + vec3(0.16, 0.20, 0.27) * towards(n, fill);
   light += vec3(0.25, 0.22, 0.20) * pow(1.0 - max(n.z, 0.0), 3.0) * towards(n, edge);
   float open = 1.0 - hidden(v, out_of);
   vec3 half_way = normalize(normalize(key) + vec3(0, 0, 1));

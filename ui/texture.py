@@ -54,9 +54,9 @@ class DensityTexture:
         self.patches += 1
 
     def _store(self, texture: GPUTexture, values: np.ndarray, first: list[int]) -> None:
-        shader, size = self._shader, values.shape[::-1]
+        shader, size, sent = self._shader, values.shape[::-1], _texture(values, "R32F")
         shader.bind()
-        shader.uniform_sampler("patch_", _texture(values, "R32F"))
+        shader.uniform_sampler("patch_", sent)
         shader.image("density", texture)
         shader.uniform_int("first", first[::-1])
         shader.uniform_int("size", size)
