@@ -93,7 +93,7 @@ class Session:
             errors="replace",
             start_new_session=True,  # with a wrapper comes a display, which must end with it
         )
-        watch = Watch(process)
+        watch = Watch(process, self.folder / "temporary")
         try:
             yield watch
         finally:
@@ -106,11 +106,12 @@ class Watch:
     ``begun``: how many scenarios it has begun; ``plan``: all that there are; ``console``: what it said between them.
     """
 
-    def __init__(self, process: subprocess.Popen):
+    def __init__(self, process: subprocess.Popen, temporary: Path):
         self.begun = 0
         self.plan: list[dict] = []
         self.console: list[str] = []
         self._process = process
+        self._temporary = temporary
         self._lines: queue.Queue[str | None] = queue.Queue()
         self._reader = threading.Thread(target=self._read)
         self._reader.start()
@@ -152,8 +153,8 @@ class Watch:
             return
         playing = playing or Outcome("leaving Blender")
         playing.seconds = time.monotonic() - began
-        ended = None if code == leaves else "\n".join([f"Blender ended with exit code {code}", *said[-TAIL:]])
-        playing.error = _joined(ended, wrong_in(said))
+        ended = [f"Blender ended with exit code {code}", *said[-TAIL:], *self._last_words()]
+        playing.error = _joined(None if code == leaves else "\n".join(ended), wrong_in(said))
         yield playing
 
     def end(self) -> int:
@@ -167,6 +168,14 @@ class Watch:
             code = self._process.wait()
         self._reader.join()
         return code if code >= 0 else 128 - code
+
+    def _last_words(self) -> list[str]:
+        """What Blender writes when it crashes: its own stack and Python's."""
+        lines = []
+        for path in self._temporary.glob("*.crash.txt"):
+            lines += path.read_text(encoding="utf-8", errors="replace").splitlines()
+            path.unlink()
+        return lines
 
     def _read(self) -> None:
         for line in self._process.stdout:

@@ -96,9 +96,9 @@ def shift_smooths_and_keeps_the_mass(window: Window) -> Steps:
 @scenario()
 def both_sides_of_a_mirror_are_pushed(window: Window) -> Steps:
     volume = new_slab(window)
-    yield from ready(window, mirror_x=True)
+    yield from ready(window, mirror_x=True, radius=20)
     start = in_file(volume)
-    yield from stroke(window, (0.3, -0.3, 0.0), (0.4, 0.3, 0.0))
+    yield from stroke(window, (0.4, -0.3, 0.0), (0.5, 0.3, 0.0))  # so far that the two do not meet
     assert recorded(volume).symmetry == "x"
     assert_as_recorded(volume, start)
     yield from window.picture()
