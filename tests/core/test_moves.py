@@ -210,6 +210,24 @@ def test_histories_of_pushes_that_share_a_grid(kernels):
     assert grid.grown == first.origin == second.origin == (0, 0, 0)
 
 
+def test_a_history_of_its_own_follows_growth(kernels):
+    """A push that keeps before-images for itself finds them in their places after each growth by another."""
+    values = np.zeros((48, 24, 24), np.float32)
+    values[:, 2:22, 2:22] = np.random.default_rng(2).uniform(0.7, 1.0, (48, 20, 20))
+    grid = DensityGrid(values)
+    grower, keeper = (Push(grid, SphereTool(4), CLAY) for _ in range(2))
+    history, origins = keeper.remember(), []
+    for turn in range(3):
+        walk(grower, line((8.0 - 5.0 * turn, 11.5, 11.5), (4.0 - 5.0 * turn, 11.5, 11.5), 0.5), continuous=True)
+        walk(keeper, line((36.0, 11.5, 11.5 + turn), (38.0, 11.5, 11.5 + turn), 0.5))
+        origins.append(grower.origin[0])
+    assert origins[0] > origins[-1] and keeper.origin == grower.origin
+    where = np.add(np.argwhere(np.ones((12, 24, 24))), (34, 0, 0))
+    now = in_frame(grid, keeper.origin, (34, 0, 0), (12, 24, 24))
+    assert np.abs(now - values[34:46]).sum() > 20.0
+    assert history.original(where).tobytes() == values[34:46].tobytes()
+
+
 @pytest.mark.parametrize("verb", ["push", "pull", "smooth"])
 def test_restores_after_each_verb(kernels, verb):
     """Bit for bit; and then the same path leads to the same voxels as the first time."""
