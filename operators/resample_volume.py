@@ -9,7 +9,6 @@ import bpy
 
 from ..core.resample import SAME_SIZE, resample, resampled_shape
 from .memory import draw_memory
-from .session import follow
 from .volumes import OnActiveVolume, active_volume, density_of, note, show
 
 
@@ -63,7 +62,6 @@ class REPOUSSE_OT_resample_volume(OnActiveVolume, bpy.types.Operator):
         except (ValueError, MemoryError) as error:
             self.report({"ERROR"}, str(error) or "There is not enough memory: choose larger voxels")
             return {"CANCELLED"}
-        follow()  # the voxels that are held live, where they are this volume's
         return {"FINISHED"}
 
 
