@@ -106,12 +106,13 @@ class History:
         x, y, z = at
         _, ny, nz = now.density.shape
         values = now.density.reshape(-1)[(x * ny + y) * nz + z]
-        i, j, k = at // BRICK
+        places = at // BRICK
+        i, j, k = places
         _, nj, nk = now.layout
         number = now.numbers((i * nj + j) * nk + k)
         kept = np.nonzero(number >= 0)[0]
         if len(kept):
-            x, y, z = at[:, kept] % BRICK
+            x, y, z = at[:, kept] - BRICK * places[:, kept]
             values[kept] = now.images[number[kept], x, y, z]
         return values
 
@@ -158,12 +159,13 @@ class History:
         """Make ``grid`` what it was when this history began: density, shape and transform, bit for bit."""
         now = self._now
         begin, end = now.begin, now.begin + self._shape
-        for image, place in zip(now.images, now.places(), strict=False):
-            low = place * BRICK
-            a, b = np.maximum(low, begin), np.minimum(low + BRICK, end)
-            if (a < b).all():
-                inside = tuple(slice(p - q, r - q) for p, q, r in zip(a, low, b, strict=True))
-                grid.density[tuple(slice(p, r) for p, r in zip(a, b, strict=True))] = image[inside]
+        low = now.places() * BRICK
+        first, last = np.maximum(low, begin), np.minimum(low + BRICK, end)
+        inside = np.nonzero((first < last).all(axis=1))[0]
+        corners = (corner[inside].tolist() for corner in (low, first, last))
+        for number, (i, j, k), (i0, j0, k0), (i1, j1, k1) in zip(inside.tolist(), *corners, strict=True):
+            image = now.images[number, i0 - i : i1 - i, j0 - j : j1 - j, k0 - k : k1 - k]
+            grid.density[i0:i1, j0:j1, k0:k1] = image
         if grid.shape != self._shape:
             grid.density = np.ascontiguousarray(
                 grid.density[tuple(slice(a, b) for a, b in zip(begin, end, strict=True))]
