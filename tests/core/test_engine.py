@@ -705,3 +705,15 @@ def test_health_counts():
     assert health.solves == len(solved) and health.estimates >= 1
     assert 0.0 < health.longest_solve < PATIENCE
     assert 0.0 <= health.rate <= 1.1 / engine.PERIOD
+
+
+def test_a_stroke_begins_where_its_first_pose_is():
+    """Not where the push was before: nothing is ploughed on the way there."""
+    push = pushing(border="open")
+    push.move_to((13.6, 12.0, 19.0))
+    with Engine(push) as running:
+        running.feed(Sample(0.0, (13.6, 20.0, 19.0)))
+        assert len(running.finish()) == 1
+    fresh = pushing(border="open")
+    dirty = fresh.move_to((13.6, 20.0, 19.0)).dirty
+    assert running.touched[0][0][1] >= dirty[0][1] - 1
