@@ -29,10 +29,11 @@ def to_grid(volume: Volume, window: Window | None) -> DensityGrid:
     if not (np.isfinite([lo, hi]).all() and lo != hi):
         raise FormatError(f"{volume.path}: a window needs two different finite ends, not {lo:g}:{hi:g}")
     notes.append(_told(volume, low, high, (lo, hi), window is not None))
-    density = _windowed(volume.values, lo, hi)
+    as_they_are = (lo, hi) == (0.0, 1.0) and low >= 0.0 and high <= 1.0
+    density = volume.values.astype(np.float32, copy=False) if as_they_are else _windowed(volume.values, lo, hi)
     if broken is not None:
         density[broken] = 0.0
-    if not density.any():
+    if not (high > 0.0 if as_they_are else density.any()):
         raise EmptyVolumeError(
             f"{volume.path}: grid {volume.info.key!r} holds nothing: its values go from {low:g} to {high:g}, "
             f"and none is above the empty end of the window {lo:g}:{hi:g}"
@@ -40,7 +41,7 @@ def to_grid(volume: Volume, window: Window | None) -> DensityGrid:
     density, transform, resampled = cubed(density, volume.transform, str(volume.path))
     if resampled:
         notes.append(resampled)
-    if (lo, hi) != (0.0, 1.0) or low < 0.0 or high > 1.0 or broken is not None or resampled:
+    if not as_they_are or broken is not None or resampled:
         volume.own = None  # it does not hold these densities
     metadata = volume.info.metadata | {"source": volume.path.name, "window": f"{lo:.9g}:{hi:.9g}"}
     return DensityGrid(density, transform, volume.info.name, metadata, notes, copy=False)

@@ -101,12 +101,12 @@ def fog_of(grid: DensityGrid, path: Path) -> Any:
 
 def change(fog: Any, grid: DensityGrid, box: Box) -> None:
     """Make the voxels of a box, as far as it lies in the grid, what they are in ``grid``."""
-    low = [max(n, 0) for n in box[0]]
-    high = [min(n, edge) for n, edge in zip(box[1], grid.shape, strict=True)]
+    low = tuple(max(n, 0) for n in box[0])
+    high = tuple(min(n, edge) for n, edge in zip(box[1], grid.shape, strict=True))
     if any(a >= b for a, b in zip(low, high, strict=True)):
         return
     # A leaf that has become empty is left out by copyFromArray, which takes it for one that was never there.
-    fog.fill(low, [n - 1 for n in high], 0.0, False)
+    fog.fill(low, tuple(n - 1 for n in high), 0.0, False)
     inside = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
     fog.copyFromArray(np.ascontiguousarray(grid.density[inside]), ijk=low, tolerance=0.0)
 

@@ -147,6 +147,36 @@ def test_modifier_sees_the_new_voxels(clay):
     assert reach() == pytest.approx((0.6, 1.2, 1.2), abs=0.11)
 
 
+@pytest.mark.skipif(not bpy.app.module, reason="a distribution's Cycles may draw no volumes")
+def test_a_render_shows_the_new_voxels(clay, tmp_path):
+    """F12, from above: where half of the block is gone, its half of the picture is empty."""
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.volume_biased = 4, False, True
+    scene.world = bpy.data.worlds.new("Light")  # without any Cycles leaves volumes out
+    scene.render.resolution_x = scene.render.resolution_y = 16
+    scene.render.film_transparent = True
+    scene.render.filepath, scene.render.image_settings.file_format = str(tmp_path / "render.png"), "PNG"
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.type, camera.data.ortho_scale, camera.location = "ORTHO", 1.2, (0.0, 0.0, 5.0)
+    bpy.context.collection.objects.link(camera)
+    scene.camera = camera
+
+    def alpha():
+        bpy.ops.render.render(write_still=True)
+        image = bpy.data.images.load(scene.render.filepath, check_existing=False)
+        pixels = np.array(image.pixels[:]).reshape(16, 16, 4)
+        bpy.data.images.remove(image)
+        return pixels[:, :8, 3].mean(), pixels[:, 8:, 3].mean()
+
+    assert min(alpha()) > 0.9
+    live = session.open_session(the("Clay"))
+    live.grid.density[12:] = 0.0
+    live.commit(the("Clay"), [((12, 0, 0), (24, 24, 24))])
+    left, right = alpha()
+    assert left > 0.9 and right < 0.05
+
+
 def test_two_objects_in_turn(clay):
     other = new_clay(name="Other")
     states = {}
