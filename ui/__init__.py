@@ -13,6 +13,7 @@ _MODULES = (
     "stress_panel",
     "strokes_panel",
     "live_view",
+    "cursor",
     "tool",
 )
 

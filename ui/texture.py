@@ -64,7 +64,7 @@ class DensityTexture:
 
 
 def brick_maxima(density: np.ndarray, first, last) -> np.ndarray:
-    """The greatest density of each brick from ``first`` up to ``last`` (indices of bricks), and of the voxels around it."""
+    """The greatest density of each brick from ``first`` up to ``last`` (indices of bricks) and of the voxels around."""
     low = [max(b * BRICK - 1, 0) for b in first]
     part = density[tuple(slice(a, b * BRICK + 1) for a, b in zip(low, last))]
     for axis, (begin, end) in enumerate(zip(first, last)):
