@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The cursor: rings on the surface where the tool and its reach touch, in the colour of the regime; the stress as an arc
-around them, and in newtons beside.
+"""The cursor: rings on the surface where the tool and its reach touch, in the colour of the regime.
+
+Around them the stress as an arc, and beside them in newtons.
 
 Each is drawn twice, as far as it is in sight in full and behind things faintly, so that it is never lost.
 """

@@ -14,6 +14,8 @@ from ..operators.hover import REPOUSSE_OT_hover
 from ..operators.sculpt import REPOUSSE_OT_sculpt
 from ..operators.session import Session, close_session, live, open_session
 from . import cursor
+from .brush_panel import draw_brush, draw_mirror
+from .live_view import cannot_show
 
 TOOL = "repousse.push"
 """Identifier of the tool; the add-on's name comes first, as Blender asks."""
@@ -60,23 +62,19 @@ class RepousseTool(bpy.types.WorkSpaceTool):
     )
 
     def draw_settings(context, layout, tool):  # noqa: N805  Blender calls it without an instance
-        settings, in_header = context.scene.repousse, context.region.type == "TOOL_HEADER"
-        if not in_header:
-            layout.use_property_split = True
-        layout.prop(settings, "radius", slider=in_header)
+        settings = context.scene.repousse
+        if context.region.type != "TOOL_HEADER":
+            draw_brush(layout, settings)
+            return
+        layout.prop(settings, "radius", slider=True)
         layout.prop(settings, "strength", slider=True)
         layout.prop(settings, "press")
         layout.prop(settings, "drill")
-        mirror = layout.row(align=True, heading="" if in_header else "Mirror")
-        if in_header:
-            mirror.label(icon="MOD_MIRROR")
-        for axis in "xyz":
-            mirror.prop(settings, f"mirror_{axis}", toggle=True)
-        if not in_header:
-            layout.prop(settings, "pressure_radius")
-            layout.prop(settings, "pressure_strength")
-            layout.prop(settings, "spacing")
-            layout.prop(settings, "stabiliser")
+        layout.label(icon="MOD_MIRROR")
+        draw_mirror(layout, settings)
+        hindrance = refusal() or cannot_show(context.space_data)
+        if hindrance:
+            layout.label(text=hindrance, icon="ERROR")
 
 
 def is_active(workspace: bpy.types.WorkSpace) -> bool:
