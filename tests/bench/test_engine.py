@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from itertools import count, islice
 
 import numpy as np
 import pytest
@@ -16,11 +17,12 @@ compiled_only = pytest.mark.skipif(not native.available(), reason="asks how fast
 SECONDS = 2.0
 REACHED = 300.0
 """Local models a second that issue 3 asks for while Blender redraws on two cores."""
-MATERIAL = {
-    "elastic, 1000 poses/s": Material(full_force=3.3, yield_ratio=5.0),
-    "a push, 100 poses/s": CLAY,
-    "solves without a gap": CLAY,
+WORK = {
+    "elastic, 1000 poses/s": (Material(full_force=3.3, yield_ratio=5.0), 1, 1e-3),
+    "a push, 100 poses/s": (CLAY, 1, 1e-2),
+    "solves without a gap": (CLAY, 200, 1e-2),
 }
+"""A material, how many poses are fed when the last are solved, and every how many seconds that is looked at."""
 
 
 def rest(until: float) -> None:
@@ -44,12 +46,11 @@ def stroke(number: int) -> Sample:
 @compiled_only
 @pytest.mark.filterwarnings("ignore:this material may never yield")
 @pytest.mark.parametrize("main", [rest, compute])
-@pytest.mark.parametrize("work", MATERIAL)
+@pytest.mark.parametrize("work", WORK)
 def test_collision_rate(benchmark, figures, work, main):
     """Local models a second, and the longest that one had to serve, at 256³ with a tool of 32."""
-    push = Push(DensityGrid(block(256, 200, 0.5), copy=False), SphereTool(16.0), MATERIAL[work], border="wall")
-    poses_each = {"elastic, 1000 poses/s": 1, "a push, 100 poses/s": 1, "solves without a gap": 0}[work]
-    between = 1e-3 if work.startswith("elastic") else 1e-2
+    material, poses, between = WORK[work]
+    push = Push(DensityGrid(block(256, 200, 0.5), copy=False), SphereTool(16.0), material, border="wall")
     times: list[float] = []
 
     class Timed(Engine):
@@ -62,12 +63,11 @@ def test_collision_rate(benchmark, figures, work, main):
     running = Timed(push)
 
     def run():
-        number, began = 0, time.perf_counter()
+        numbers, began = count(), time.perf_counter()
         while (now := time.perf_counter()) < began + SECONDS:
-            if poses_each or running.settle(0.0):
-                for _ in range(poses_each or 200):
+            if running.settle(0.0):
+                for number in islice(numbers, poses):
                     running.feed(stroke(number))
-                    number += 1
             main(now + between)
         return running.health
 
@@ -89,12 +89,12 @@ def test_collision_rate(benchmark, figures, work, main):
 @compiled_only
 def test_stroke_begins_and_ends(benchmark, figures):
     """From a grid alone to threads that wait for poses; and from the last pose solved to no threads."""
-    density = block(256, 200, 0.5)
+    grid = DensityGrid(block(256, 200, 0.5), copy=False)
     begin, end = [], []
 
     def run():
         began = time.perf_counter()
-        running = Engine(Push(DensityGrid(density, copy=False), SphereTool(16.0), CLAY, border="wall"))
+        running = Engine(Push(grid, SphereTool(16.0), CLAY, border="wall"))
         running.start()
         begin.append(time.perf_counter() - began)
         for number in range(40):
