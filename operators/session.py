@@ -138,8 +138,9 @@ class Session:
 
     @engine.setter
     def engine(self, engine: Engine | None) -> None:
+        if engine is not None:
+            self._forget_hash()  # it changes what was hashed
         self._engine = engine
-        self._forget_hash()
 
     @property
     def grid(self) -> DensityGrid:

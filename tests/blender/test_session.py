@@ -418,6 +418,17 @@ def test_the_hash_is_that_of_the_grid_as_it_is(clay):
     assert not [thread for thread in threading.enumerate() if thread.name == "repousse hash"]
 
 
+def test_the_next_stroke_need_not_wait_for_the_hash(clay, monkeypatch):
+    asked = []
+    monkeypatch.setattr(session, "hash_of", lambda grid: asked.append(None) or hash_of(grid))
+    bpy.context.scene.repousse.record = True
+    stroke(clay, 1)
+    live = session.live()
+    live.engine = None  # as a stroke ends
+    assert live.grid_hash() == hash_of(live.grid)
+    assert len(asked) == 2  # when the file was read, and at the stroke's end
+
+
 def test_automatic_level_is_that_of_the_clay_and_stays_through_undo(clay):
     assert session.open_session(clay).auto_level == pytest.approx(0.5, abs=0.01)
     stroke(clay, 1)
