@@ -125,7 +125,7 @@ class Push:
         for what, value in (("band", 0.0 if band is None else band), ("rim", rim), ("wake", wake)):
             if not _is_length(value):
                 raise ValueError(f"{what} is a number from 0 up, not {value!r}")
-        if not grid.density.any():
+        if not any(plane.any() for plane in grid.density):  # as soon as there is some: a stroke begins with this
             raise ValueError("the grid is empty: no voxel has any density to push")
         self.grid, self.material, self.verb = grid, material, verb
         self.method, self.border, self.rim, self.wake = method, border, rim, wake
