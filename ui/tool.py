@@ -74,7 +74,7 @@ class RepousseTool(bpy.types.WorkSpaceTool):
         draw_mirror(layout, settings)
         hindrance = refusal() or cannot_show(context.space_data)
         if hindrance:
-            layout.label(text=hindrance, icon="ERROR")
+            layout.label(text=bpy.app.translations.pgettext_iface(hindrance), icon="ERROR", translate=False)
 
 
 def is_active(workspace: bpy.types.WorkSpace) -> bool:
