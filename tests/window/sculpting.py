@@ -31,10 +31,10 @@ def take_tool(window: Window, tool: str = TOOL) -> Steps:
 
 def ready(window: Window, rotation=FROM_ABOVE, target=(0.0, 0.0, 0.0), distance=4.0, **settings) -> Steps:
     """Look at the active volume, with the tool in hand, these settings of the brush, and strokes recorded."""
-    yield from window.look(rotation, target, distance)
     for name, value in ({"record": True, "radius": 40, "strength": 0.5} | settings).items():
         setattr(bpy.context.scene.repousse, name, value)
     yield from take_tool(window)
+    yield from window.look(rotation, target, distance)
 
 
 def begin(window: Window, point: Iterable[float], *modifiers: str) -> Steps:

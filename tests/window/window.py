@@ -23,6 +23,8 @@ FROM_THE_FRONT = Quaternion((0.70710678, 0.70710678, 0.0, 0.0))
 THREE_QUARTERS = Quaternion((0.820473, 0.424708, 0.176320, 0.339851))
 """Down onto a corner, as one looks at a block on a table."""
 
+MOVES_A_FRAME = 4
+
 
 class Window:
     """Blender's first window, of which nothing is kept: opening a file makes all of it anew."""
@@ -143,10 +145,13 @@ class Window:
             yield from self.release(modifier)
 
     def drag_to(self, pixel: tuple[int, int], moves: int = 12) -> Steps:
-        """Move the pointer to a place in a straight line of so many events."""
+        """Move the pointer to a place in a straight line of so many events, a few to a frame as from a mouse."""
         x, y = self._pointer
         for n in range(1, moves + 1):
-            yield from self.move((round(x + (pixel[0] - x) * n / moves), round(y + (pixel[1] - y) * n / moves)))
+            self._pointer = round(x + (pixel[0] - x) * n / moves), round(y + (pixel[1] - y) * n / moves)
+            self.event("MOUSEMOVE", "NOTHING")
+            if n % MOVES_A_FRAME == 0 or n == moves:
+                yield 0.0
 
     def picture(self, ending: str = "") -> Steps:
         """Keep what the window shows now as out/window/<scenario><ending>.png."""
