@@ -143,7 +143,7 @@ def _made_folder() -> Path:
 def folder() -> Path:
     """Where this process keeps its revisions."""
     made = _made_folder()
-    made.mkdir(exist_ok=True)
+    made.mkdir(parents=True, exist_ok=True)  # somebody may have tidied it away
     return made
 
 

@@ -192,7 +192,7 @@ class Session:
         try:
             path = revisions.new_path(volume)
         except OSError as error:
-            raise ValueError(f"{error.filename}: the stroke cannot be kept: {error.strerror}") from error
+            raise ValueError(f"the folder for the session's volumes cannot be made: {error}") from error
         self._file.write(path, boxes)
         revisions.commit(volume, path)
         self.path = path

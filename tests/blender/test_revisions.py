@@ -135,6 +135,25 @@ def test_a_removed_volume_comes_back_with_its_voxels(clay, undo_steps):
     assert same(in_file(the("Other")), density)
 
 
+def test_a_removed_volume_comes_back_although_others_were_undone(clay, undo_steps):
+    """What was undone and sculpted over is another volume's; the removed one's strokes lie before that."""
+    undo_steps(30)
+    stroke(clay, 0)
+    new_clay(name="Other")
+    for seed in range(5):
+        density = stroke(the("Other"), seed)
+    bpy.data.volumes.remove(the("Other").data)
+    bpy.ops.ed.undo_push(message="Delete")
+    for seed in range(2):
+        stroke(the("Clay"), seed)
+    for _ in range(2):
+        bpy.ops.ed.undo()
+    stroke(the("Clay"), 9)
+    for _ in range(2):
+        bpy.ops.ed.undo()
+    assert same(in_file(the("Other")), density)
+
+
 def open_files():
     return len(os.listdir("/proc/self/fd")) if Path("/proc/self/fd").is_dir() else 0
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A .vdb that is written again and again: the sculpted grid to the bit, and all else in the file as it was."""
 
+import struct
 from pathlib import Path
 
 import bpy
@@ -195,7 +196,11 @@ def test_grids_that_share_a_tree_keep_it(tmp_path):
     before = file.grid.density.copy()
     file.grid.density[:] = 1.0
     file.write(tmp_path / "1.vdb", None)
-    assert [part.parent for part in lay_out(tmp_path / "1.vdb").parts] == ["", "", "twin 0", "twin 0"]
+    parts = lay_out(tmp_path / "1.vdb").parts
+    assert [part.parent for part in parts] == ["", "", "twin 0", "twin 0"]
+    data = (tmp_path / "1.vdb").read_bytes()
+    begun = [struct.unpack_from("<q", data, part.placed + 8)[0] for part in parts]
+    assert begun == [parts[0].blocks, parts[1].blocks, 0, 0]  # as OpenVDB marks a grid without values of its own
     assert (read_volume(tmp_path / "1.vdb").density == 1.0).all()
     for number in range(3):
         twin = read_volume(tmp_path / "1.vdb", f"twin {number}")
@@ -236,6 +241,18 @@ def test_after_a_failed_write_the_next_has_both_changes(tmp_path, monkeypatch):
     file.grid.density[20:] = 0.25
     file.write(tmp_path / "1.vdb", [((20, 0, 0), (40, 33, 26))])
     assert read_volume(tmp_path / "1.vdb").density.tobytes() == file.grid.density.tobytes()
+
+
+def test_after_a_failed_write_what_is_taken_back_is_not_written(tmp_path):
+    write_volume(DensityGrid(noise()), tmp_path / "0.vdb")
+    file = VolumeFile(tmp_path / "0.vdb")
+    before = file.grid.density.copy()
+    file.grid.density[:9] = 0.5
+    with pytest.raises(FormatError, match=r"1\.vdb: cannot be written: No such file or directory"):
+        file.write(tmp_path / "nowhere" / "1.vdb", [((0, 0, 0), (9, 33, 26))])
+    file.grid.density[:] = before
+    file.write(tmp_path / "1.vdb", [])
+    assert read_volume(tmp_path / "1.vdb").density.tobytes() == before.tobytes()
 
 
 @real
