@@ -75,9 +75,8 @@ def _shares(n: int, count: int, ratio: float) -> tuple[np.ndarray, np.ndarray]:
 
     New voxel i is the sum of ``weights[i, k]`` x old voxel ``first[i] + k``: (first (count,), weights (count, width)).
     """
-    ends = np.minimum(np.arange(count + 1) / ratio, n)  # of the new voxels, old ones being [j, j + 1]
-    if n - ends[-1] <= SAME_SIZE * n:
-        ends[-1] = n
+    ends = np.arange(count + 1) / ratio  # of the new voxels, old ones being [j, j + 1]
+    ends[-1] = n  # beyond it there is nothing
     below = _bell_below if ratio > 1.0 else _box_below
     share = np.diff(below(ends[:, None] - (np.arange(-1, n + 1) + 0.5)), axis=0) * ratio
     share[:, 1] += share[:, 0]  # the mirror images of the outermost voxels bring back what leaves through the faces

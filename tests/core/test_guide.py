@@ -95,10 +95,10 @@ def test_smoothing_is_on_the_surface():
         assert sample.direction is None and sample.strength == 0.5
 
 
-def bumps():
+def bumps(height=5.0, length=9.0):
     """A surface of hills and valleys of some voxels."""
     y, z = np.meshgrid(np.arange(140), np.arange(48), indexing="ij")
-    top = 22.0 + 5.0 * np.sin(y / 9.0) + 3.0 * np.cos(z / 7.0 + y / 15.0)
+    top = 24.0 + height * np.sin(y / length) + 3.0 * np.cos(z / 7.0 + y / 15.0)
     values = np.clip(np.arange(48)[:, None, None] - top[None] + 0.5, 0.0, 1.0)
     return DensityGrid(values)
 
@@ -129,6 +129,22 @@ def test_poses_are_one_spacing_apart_on_the_surface(volume):
         steps = np.linalg.norm(np.diff(centres(drag(guide, start, end, 7)), axis=0), axis=1)
         assert len(steps) > 25
         assert steps == pytest.approx(0.25 * RADIUS, abs=0.01)
+
+
+def test_on_slopes_that_are_nearly_along_the_view_poses_stay_near_each_other():
+    """Up to 75 degrees: nearly all a spacing apart, none two, and not many rays for it."""
+    rays = []
+
+    def ray(x, y):
+        rays.append((x, y))
+        return looking_up(0.5)(x, y)
+
+    brush = replace(PLAIN, verb="smooth", radius=6.0, spacing=0.4)
+    guide = Guide(Surface(bumps(14.0, 4.0), 0.3), brush, ray)
+    steps = np.linalg.norm(np.diff(centres(drag(guide, (50, 40), (220, 52), 10)), axis=0), axis=1)
+    assert np.median(steps) == pytest.approx(2.4, abs=0.01)
+    assert steps.max() < 2 * 2.4
+    assert len(rays) < 10 * len(steps)
 
 
 def test_a_fast_move_has_at_most_so_many_poses():
@@ -261,6 +277,7 @@ def test_off_the_surface_it_glides_and_comes_back():
     guide = Guide(Surface(DensityGrid(values), 0.5), PLAIN, looking_up())
     samples = drag(guide, (30, 20), (80, 20), 11)
     assert guide.hit.position == pytest.approx((HEIGHT, 80, 20), abs=0.05)
+    assert guide.hit.normal[1] > 0.1  # as it leaned at the edge: the tool does not jump there
     samples += guide.move(130, 20)
     assert guide.hit.position == pytest.approx((FIRST + 2.5, 130, 20), abs=1e-6)
     way = centres(samples)
