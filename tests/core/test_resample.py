@@ -56,6 +56,12 @@ def test_the_outer_faces_stay(size):
         assert corner(there, (1, 1, 1)) == pytest.approx(corner(grid, (1, 1, 1)), abs=1e-9)
 
 
+def test_a_size_that_divides_the_side_but_for_rounding_adds_no_voxel():
+    for size in (0.5 / 3.0, float(np.float32(0.1)), float(np.float32(0.7)) / 7.0):
+        ratio = round(0.5 / size)
+        assert resampled_shape(placed(), size) == tuple(ratio * n for n in (11, 8, 13))
+
+
 @pytest.mark.parametrize("size", [0.1, 0.3, 0.7, 1.0])
 def test_mass_stays_where_it_was(size):
     """The centre of mass in the world, to a few hundredths of a voxel; mass does not run together at the faces."""
