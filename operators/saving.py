@@ -56,7 +56,7 @@ def before_save(blend: str) -> None:
         _before[volume.session_uid] = volume.filepath
         text = _text(target)
         if volume.filepath != text:
-            volume.filepath = text
+            _let_show(volume, text)
 
 
 def after_save(blend: str) -> None:
@@ -70,9 +70,7 @@ def after_save(blend: str) -> None:
         if volume.session_uid in _before:
             names.append(revisions.path_of(volume).name)
             if copy:
-                volume.filepath = _before[volume.session_uid]
-            elif (session := live()) is not None and session.volume_uid == volume.session_uid:
-                session.moved_to(revisions.path_of(volume))
+                _let_show(volume, _before[volume.session_uid])
     _before.clear()
     with suppress(OSError):
         _keep_list(folder_of(saved), names)
@@ -82,7 +80,7 @@ def after_failed_save() -> None:
     """The volumes show what they did before."""
     for volume in bpy.data.volumes:
         if volume.session_uid in _before:
-            volume.filepath = _before[volume.session_uid]
+            _let_show(volume, _before[volume.session_uid])
     _before.clear()
 
 
@@ -113,6 +111,14 @@ def find_again() -> None:
 def forget_places() -> None:
     """Another file was loaded."""
     _places.clear()
+
+
+def _let_show(volume: bpy.types.Volume, text: str) -> None:
+    """Let a volume show the same voxels in another file; its session need not read them."""
+    volume.filepath = text
+    session = live()
+    if session is not None and session.volume_uid == volume.session_uid:
+        session.moved_to(revisions.path_of(volume))
 
 
 def _ours() -> list[bpy.types.Volume]:
