@@ -141,6 +141,16 @@ def test_more_strength_at_rest(kernels):
     assert push.move_to(place, direction=OUT, strength=0.2).moved_mass > 50.0
 
 
+def test_trembling_does_not_creep(kernels):
+    """What a tool has loosened itself is not what it goes by: little moves to and fro raise nothing more."""
+    place, push = np.array((MIDDLE, MIDDLE, depth_of(6))), puller(slab(1.0))
+    first = push.move_to(place, direction=OUT, strength=0.4).moved_mass
+    tremor = [np.add(place, (0.05 * (n % 2), 0.05 * (n // 2 % 2), 0.0)) for n in range(1, 40)]
+    moved = [contact.moved_mass for contact in walk(push, tremor, direction=OUT, strength=0.4)]
+    assert sum(moved) < 0.02 * first  # the skin that it reaches over
+    assert sum(moved[8:]) < 1e-3 * first
+
+
 def test_a_thin_wall_is_pulled_as_well(kernels):
     """Where nothing lies behind the tool it goes by what lies beside it."""
     values = np.zeros((48,) * 3, np.float32)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from repousse.core import BoxTool, CapsuleTool, DensityGrid, Material, Push, Sample, SphereTool, Stroke
 from repousse.core.stroke import hash_of
+from repousse.core.tool import unit
 
 from .volumes import half_space
 
@@ -151,6 +152,9 @@ def test_a_direction_is_read_as_a_unit_vector(tmp_path):
     Stroke([Sample(0.0, (1.0, 2.0, 3.0), direction=along)]).save(path)
     read = Stroke.load(path).samples[0].direction
     assert np.linalg.norm(read) == pytest.approx(1.0, abs=1e-15) and read == pytest.approx(along, abs=1e-3)
+    for along in np.random.default_rng(0).normal(size=(100, 3)):
+        once = unit(along / np.linalg.norm(along) * 1.0005)
+        assert unit(once) == once
     Stroke([Sample(0.0, (1.0, 2.0, 3.0), direction=read)]).save(path)
     assert Stroke.load(path).samples[0].direction == read
 
