@@ -171,6 +171,7 @@ class Push:
         self._solved: Vector | None = None  # where the last estimate was made; None asks for a new one
         self._turned_at: Vector | None = None  # where density moved last, or where the contact began
         self._direction: Vector | None = None
+        self._heading: Vector | None = None  # which way the last step went
         # What M_s gains for each voxel's worth that leaves the tool, as the last sweeps found it: all, until some of it
         # leaves the reach. It rises at once and falls slowly, so that no step moves more than it should; with it one
         # sweep mostly meets sigma_f, without it 1.7 do.
@@ -294,6 +295,8 @@ class Push:
             return Contact(former.regime, former.stress, former.yield_stress, former.force, residual=former.residual)
         work.tool.centre[:] = [p - o for p, o in zip(position, self.origin, strict=True)]
         travel = dist(position, self._position) if self._position is not None else 0.0
+        if self._position is not None and travel > 0.0:
+            self._heading = _scaled(position, self._position, 1.0 / travel)
         self._position = self._solved = position
         estimate(work)
         masses = work.estimate
@@ -435,9 +438,9 @@ class Push:
             self._grow(sweep.needs[0::2], sweep.needs[1::2])
         left = sweep.surplus
         if left > 0.0 and self.band is not None:
-            left = rim.raise_rim(
-                work, np.array(direction), left, self.rim, self.wake * self.tool.radius, self._make_room
-            )
+            # Pressed one way while it goes another, the tool leaves its wake where it came from: its groove stays open.
+            behind = direction if self._given is None or self._heading is None else self._heading
+            left = rim.raise_rim(work, np.array(behind), left, self.rim, self.wake * self.tool.radius, self._make_room)
         if left > 0.0:
             dispersion.put_back(work, left)
         # What was moved is known, so nothing is summed anew.

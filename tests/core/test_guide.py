@@ -351,6 +351,14 @@ def test_a_drag_ploughs_an_even_groove():
 
 
 @pytest.mark.parametrize("press", ["normal", "view"])
+def test_a_groove_in_packed_material_stays_open_whichever_way_it_is_pressed(press):
+    """The rim leaves the way free that the tool has come: it would fill a quarter of the groove otherwise."""
+    depth = groove(press)
+    assert depth == pytest.approx(0.5 * RADIUS, abs=0.05)
+    assert depth.std() < 0.01
+
+
+@pytest.mark.parametrize("press", ["normal", "view"])
 def test_a_groove_is_even_whichever_way_it_is_pressed(press):
     """Loose material, pushed down: to a hundredth of a voxel. It packs below the tool, so half density lies higher."""
     depth = groove(press, density=0.6, band=None)
