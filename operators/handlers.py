@@ -53,6 +53,7 @@ def before_save(path, *_):
 @persistent
 def after_save(path, *_):
     saving.after_save(path)
+    saving.find_again()  # without Relative Remap
     saving.note_places()
     session.put_displays_in_step()
 

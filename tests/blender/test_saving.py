@@ -124,11 +124,14 @@ def test_a_save_that_fails_changes_nothing(clay, tmp_path):
 def test_without_relative_remap_it_is_found_again(clay, tmp_path):
     save(tmp_path / "one" / "a.blend")
     density = stroke(the("Clay"), 1)
-    save(tmp_path / "two" / "b.blend", relative_remap=False)
+    (tmp_path / "two").mkdir()
+    live = session.live()
+    save(tmp_path / "two" / "deep" / "b.blend", relative_remap=False)
     assert same(in_file(the("Clay")), density)
+    assert session.open_session(the("Clay")) is live
     shutil.rmtree(tmp_path / "one")
     shutil.rmtree(revisions.folder())
-    assert same(reopened(tmp_path / "two" / "b.blend"), density)
+    assert same(reopened(tmp_path / "two" / "deep" / "b.blend"), density)
 
 
 def test_where_no_copy_can_be_made_the_path_stays(clay, tmp_path, capfd):
@@ -206,7 +209,8 @@ def test_each_backup_finds_its_volume(clay, tmp_path, backups):
         assert same(reopened(tmp_path / "look.blend"), states[-1 - age])
 
 
-def test_only_listed_files_are_removed(clay, tmp_path):
+@pytest.mark.parametrize("broken", ["", "7", '["x.vdb", 7]', "{"])
+def test_only_listed_files_are_removed(clay, tmp_path, broken):
     blend = tmp_path / "a.blend"
     save(blend)
     own = tmp_path / "a volumes" / "mine.vdb"
@@ -214,7 +218,8 @@ def test_only_listed_files_are_removed(clay, tmp_path):
     outside = tmp_path / "outside.vdb"
     outside.write_text("no business of ours")
     listed = tmp_path / "a volumes" / saving.LIST
-    listed.write_text(json.dumps([["x.vdb"], ["../outside.vdb"], [str(outside)], 7]))
+    text = json.dumps([["x.vdb"], ["../outside.vdb"], [str(outside)]])
+    listed.write_text(f"{text[:-1]}, {broken}]" if broken else text)
     for seed in range(4):
         stroke(the("Clay"), seed)
         save(blend)

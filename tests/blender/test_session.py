@@ -356,6 +356,14 @@ def test_a_stroke_that_grows_the_grid_changes_all_of_it(clay):
     assert engine.settle(30.0)
     assert live.grid.shape != shape
     assert live.take_changes() == (True, [])
+    before = live.grid.density.copy()
+    engine.feed(Sample(0.0, (12.0, 12.0, 1.5)))
+    assert engine.settle(30.0)
+    entire, [(low, high)] = live.take_changes()  # from now on in boxes, though the frame of the poses lies elsewhere
+    outside = live.grid.density != before
+    assert not entire and outside.any()
+    outside[tuple(slice(a, b) for a, b in zip(low, high))] = False
+    assert not outside.any()
     engine.cancel()
     live.engine = None
     assert live.grid.shape == shape
