@@ -33,6 +33,8 @@ def ready(window: Window, rotation=FROM_ABOVE, target=(0.0, 0.0, 0.0), distance=
     """Look at the active volume, with the tool in hand, these settings of the brush, and strokes recorded."""
     for name, value in ({"record": True, "radius": 40, "strength": 0.5} | settings).items():
         setattr(bpy.context.scene.repousse, name, value)
+    with window.context():
+        bpy.ops.ed.undo_push(message="Settings")  # or undo takes them back along with the first stroke
     yield from take_tool(window)
     yield from window.look(rotation, target, distance)
 

@@ -104,7 +104,7 @@ def the_panels_are_drawn(window: Window) -> Steps:
     yield from stroke(window, (-0.5, 0.0, 1.0), (0.5, 0.0, 1.0))
     window.area.spaces.active.show_region_ui = True
     sidebar = next(region for region in window.area.regions if region.type == "UI")
-    yield from window.until(lambda: sidebar.width > 100, "the sidebar to open")
+    yield from window.until(lambda: sidebar.active_panel_category not in {"", "UNSUPPORTED"}, "the sidebar to be drawn")
     for category in ("Tool", "Repoussé"):
         sidebar.active_panel_category = category
         yield from window.drawn()
