@@ -86,8 +86,8 @@ def strokes(state: CursorState) -> list[tuple[np.ndarray, float]]:
     return lines
 
 
-def draw_rings(state: CursorState) -> None:
-    """Draw into the view that is being drawn, by its depth."""
+def draw_rings(state: CursorState, scale: float = 1.0) -> None:
+    """Draw into the view that is being drawn, by its depth; lines are as wide as they say times ``scale``."""
     shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
     former = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
     gpu.state.depth_mask_set(False)
@@ -97,7 +97,7 @@ def draw_rings(state: CursorState) -> None:
     try:
         for points, width in strokes(state):
             batch = batch_for_shader(shader, "LINE_STRIP", {"pos": points.astype(np.float32)})
-            shader.uniform_float("lineWidth", width * bpy.context.preferences.system.ui_scale)
+            shader.uniform_float("lineWidth", width * scale)
             for depth_test, opacity in (("LESS_EQUAL", IN_SIGHT), ("GREATER", BEHIND)):
                 gpu.state.depth_test_set(depth_test)
                 shader.uniform_float("color", (*COLOURS[state.regime], opacity))
@@ -128,7 +128,7 @@ def draw_text(state: CursorState) -> None:
 
 def _draw_rings() -> None:
     if _state is not None and bpy.context.region_data is not None:
-        draw_rings(_state)
+        draw_rings(_state, bpy.context.preferences.system.ui_scale)
 
 
 def _draw_text() -> None:

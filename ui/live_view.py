@@ -55,8 +55,8 @@ class Give:
             return NO_GIVE
         radius = push.tool.radius
         deep = cap_height(contact.stress / push.k_t, radius)
-        front = [p + u * (radius - deep) - o for p, u, o in zip(sample.position, way, origin)]
-        return cls(vector(deep * u for u in way), vector(front), GIVE_WIDTH * radius)
+        tip = [p + u * radius - o for p, u, o in zip(sample.position, way, origin)]
+        return cls(vector(deep * u for u in way), vector(tip), GIVE_WIDTH * radius)
 
 
 NO_GIVE = Give()

@@ -104,33 +104,42 @@ bool nothing_in_brick(vec3 v)
   return texelFetch(bricks, brick.zyx, 0).r < (march.look.x > 0.5 ? 1e-3 : march.shape.w);
 }
 
-// The slope of density around v, from faces and corners: one pair along each axis shows every voxel as a step.
+// The slope of density around v. Density is level on both sides of a surface, so each pair of points says little more
+// than on which side they are: it takes many, evenly around, or every voxel shows as a step.
 vec3 slope(vec3 v)
 {
-  const vec2 e = vec2(1.0, 0.0), c = vec2(1.6, -1.6);
-  vec3 sum = vec3(at(v + e.xyy) - at(v - e.xyy), at(v + e.yxy) - at(v - e.yxy), at(v + e.yyx) - at(v - e.yyx));
-  vec3 corner[4] = vec3[4](c.xxx, c.xyy, c.yxy, c.yyx);
-  for (int k = 0; k < 4; k++) sum += 0.6 * corner[k] * (at(v + corner[k]) - at(v - corner[k]));
+  const vec2 e = vec2(1.06, -1.06), f = vec2(2.5, 0.0);
+  const float c = 1.155;
+  vec3 way[13] = vec3[13](
+    vec3(e.xx, 0.0), vec3(e.xy, 0.0), vec3(e.x, 0.0, e.x), vec3(e.x, 0.0, e.y), vec3(0.0, e.xx), vec3(0.0, e.xy),
+    vec3(c, c, c), vec3(c, -c, -c), vec3(-c, c, -c), vec3(-c, -c, c), f.xyy, f.yxy, f.yyx
+  );
+  vec3 sum = vec3(0.0);
+  for (int k = 0; k < 13; k++) {
+    float weight = k < 6 ? 1.0 / 1.5 : k < 10 ? 1.0 / 2.0 : 1.0 / 2.5;
+    sum += weight * way[k] * (at(v + way[k]) - at(v - way[k]));
+  }
   return sum;
 }
 
-// How much of the sky over a point of the surface is hidden: a dent is darker than its rim.
+// How much of the sky over a point of the surface is hidden: a dent is darker than its rim. Rings are turned against
+// each other, so that the outline of what hides it is not seen again and again.
 float hidden(vec3 v, vec3 out_of)
 {
   vec3 side = normalize(abs(out_of.x) < 0.8 ? cross(out_of, vec3(1, 0, 0)) : cross(out_of, vec3(0, 1, 0)));
   vec3 other = cross(out_of, side);
-  float sum = 0.0, weights = 0.0;
-  for (int ring = 0; ring < 2; ring++) {
-    float far = ring == 0 ? 4.0 : 11.0;
-    for (int k = 0; k < 6; k++) {
-      float turn = (float(k) + 0.5 * float(ring)) * 1.0471976;
-      vec3 way = normalize(out_of * 0.7 + side * cos(turn) + other * sin(turn));
-      float weight = 1.0 / (1.0 + 0.12 * far);
-      sum += weight * smoothstep(0.3, 1.2, at(v + way * far) / max(march.shape.w, 1e-3));
-      weights += weight;
+  float sum = 0.0, weights = 0.0, far = 5.0;
+  for (int ring = 0; ring < 3; ring++) {
+    float weight = 1.0 / (1.0 + 0.03 * far);
+    for (int k = 0; k < 7; k++) {
+      float turn = (float(k) + float(ring) / 3.0) * 0.8975979;
+      vec3 way = normalize(out_of * 0.6 + side * cos(turn) + other * sin(turn));
+      sum += weight * smoothstep(0.1, 1.5, at(v + way * far) / max(march.shape.w, 1e-3));
     }
+    weights += 7.0 * weight;
+    far *= 1.8;
   }
-  return sum / weights;
+  return min(1.5 * sum / weights, 1.0);
 }
 
 float towards(vec3 n, vec3 light) { return max(dot(n, normalize(light)), 0.0); }
@@ -141,15 +150,18 @@ vec3 shade(vec3 v, vec3 way)
   vec3 g = slope(v);
   vec3 out_of = length(g) > 1e-6 ? -normalize(g) : -way;
   vec3 n = vec3(dot(march.to_view_x.xyz, out_of), dot(march.to_view_y.xyz, out_of), dot(march.to_view_z.xyz, out_of));
-  const vec3 clay = vec3(0.50, 0.235, 0.145);
-  const vec3 key = vec3(-0.55, 0.65, 0.55), fill = vec3(0.8, -0.1, 0.45), edge = vec3(0.2, -0.6, -0.25);
-  vec3 light = vec3(0.10, 0.105, 0.12);
-  light += vec3(1.35, 1.27, 1.15) * towards(n, key) + vec3(0.16, 0.20, 0.27) * towards(n, fill);
-  light += vec3(0.25, 0.22, 0.20) * pow(1.0 - max(n.z, 0.0), 3.0) * towards(n, edge);
+  const vec3 clay = vec3(0.47, 0.29, 0.20);
+  const vec3 key = vec3(-0.60, 0.70, 0.40), fill = vec3(0.9, 0.0, 0.35), edge = vec3(0.3, -0.7, -0.25);
+  vec3 sky = mix(vec3(0.035, 0.030, 0.030), vec3(0.13, 0.14, 0.165), 0.5 + 0.5 * n.y);
   float open = 1.0 - hidden(v, out_of);
+  open *= open;
+  vec3 light = sky * mix(0.2, 1.0, open);
+  light += vec3(1.25, 1.17, 1.05) * towards(n, key) * mix(0.3, 1.0, open);
+  light += vec3(0.14, 0.18, 0.25) * towards(n, fill) * mix(0.4, 1.0, open);
+  light += vec3(0.25, 0.22, 0.20) * pow(1.0 - max(n.z, 0.0), 3.0) * towards(n, edge);
   vec3 half_way = normalize(normalize(key) + vec3(0, 0, 1));
-  float shine = 0.10 * pow(max(dot(n, half_way), 0.0), 28.0);
-  return (clay * light + shine) * mix(0.25, 1.0, open * open * (3.0 - 2.0 * open));
+  float shine = 0.09 * pow(max(dot(n, half_way), 0.0), 22.0) * open;
+  return clay * light + shine;
 }
 
 float depth_of(vec3 v)
@@ -207,7 +219,14 @@ void main()
   ivec2 place = ivec2((ndc * 0.5 + 0.5) * vec2(textureSize(colours, 0)));
   vec4 seen = texelFetch(colours, place, 0);
   if (seen.a <= 0.0) discard;
-  colour = seen;
+  // A silhouette fades by what is not seen on either side of it, or its steps would flicker.
+  ivec2 last = textureSize(colours, 0) - 1;
+  float around = 0.0;
+  for (int k = 0; k < 4; k++) {
+    ivec2 next = place + ivec2(k == 0 ? 1 : k == 1 ? -1 : 0, k == 2 ? 1 : k == 3 ? -1 : 0);
+    around += texelFetch(colours, clamp(next, ivec2(0), last), 0).a > 0.0 ? 0.25 : 0.0;
+  }
+  colour = seen * max(around, 0.25);
   gl_FragDepth = texelFetch(depths, place, 0).r;
 }
 """

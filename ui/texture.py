@@ -13,8 +13,8 @@ from . import shaders
 DENSITY_FORMAT = "R16F"
 """11 bits, enough to look at, and half the memory of the array."""
 BRICK_FORMAT = "R16F"
-ROUNDED = 1.0 + 2.0**-10
-"""Half floats round; what is asked of a brick is an upper bound."""
+ROUNDED = 1.0 + 2.0**-9
+"""Half floats round, and some drivers cut off; what is asked of a brick is an upper bound."""
 
 
 class DensityTexture:

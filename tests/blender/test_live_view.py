@@ -1,0 +1,454 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The live view by its texels and its pixels: where a shape is seen, how deep, how bright, and at what cost."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import bpy
+import gpu
+import numpy as np
+import pytest
+from gpu_extras.batch import batch_for_shader
+from mathutils import Matrix
+
+from repousse.core import DensityGrid, Material, Push, Regime, Sample, SphereTool
+from repousse.core.grid import BRICK
+from repousse.ui import cursor, live_view, texture
+from repousse.ui.live_view import Give, LiveView
+
+from .offscreen import GROUND, HEIGHT, WIDTH, Camera, Stage, as_array, drawing, no_graphics
+
+HALF_FLOAT = 2.0**-10
+"""Relative error of what is stored in half floats, rounded to nearest or cut off, as drivers please."""
+FROM_ABOVE = Camera((20.0, 20.0, 100.0), (20.0, 20.0, 0.0), 20.0, perspective=False, up=(0.0, 1.0, 0.0))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def graphics(addon):
+    missing = no_graphics()
+    if missing:
+        pytest.skip(missing)
+
+
+@pytest.fixture
+def stage():
+    return Stage()
+
+
+def showing(density) -> LiveView:
+    view = LiveView()
+    view.texture.upload(np.ascontiguousarray(density, np.float32))
+    return view
+
+
+def distance_from(centre, shape):
+    return np.linalg.norm(np.moveaxis(np.indices(shape), 0, -1) - np.array(centre), axis=-1)
+
+
+def ball(centre=(20.0, 17.0, 22.0), radius=10.0, shape=(41, 37, 45)):
+    return np.clip(radius + 0.5 - distance_from(centre, shape), 0.0, 1.0)
+
+
+def layer(top=20.0, shape=(41, 41, 32)):
+    """Full below a plane across z."""
+    return np.broadcast_to(np.clip(top + 0.5 - np.arange(shape[2]), 0.0, 1.0), shape)
+
+
+def texels(view_texture):
+    shape = view_texture.shape
+    return as_array(view_texture.density.read(), shape), as_array(
+        view_texture.bricks.read(), tuple(-(-n // BRICK) for n in shape)
+    )
+
+
+def assert_shows(view_texture, density):
+    """Every texel is the voxel's density, and every brick bounds what is interpolated in it, closely."""
+    stored, bricks = texels(view_texture)
+    assert np.all(np.abs(stored - density) <= HALF_FLOAT * density + 1e-7)
+    around = np.pad(stored, [(1, 1 + -n % BRICK) for n in density.shape])
+    for brick in np.ndindex(bricks.shape):
+        reached = around[tuple(slice(BRICK * b, BRICK * b + BRICK + 2) for b in brick)].max()
+        assert reached <= bricks[brick] <= reached * 1.005 + 1e-7, brick
+
+
+# Texels
+
+
+@pytest.mark.parametrize("shape", [(16, 24, 8), (13, 21, 30), (1, 9, 5)])
+def test_what_is_uploaded_is_the_array(shape):
+    density = np.random.default_rng(1).random(shape, np.float32) ** 8
+    view_texture = texture.DensityTexture()
+    view_texture.upload(density)
+    assert_shows(view_texture, density)
+
+
+def test_patches_of_any_box_leave_every_texel_right():
+    random = np.random.default_rng(2)
+    density = random.random((29, 18, 35), np.float32) ** 8
+    view_texture = texture.DensityTexture()
+    view_texture.upload(density)
+    boxes = [((8, 8, 8), (16, 16, 16)), ((7, 8, 15), (8, 9, 16)), ((28, 17, 34), (29, 18, 35)), ((0, 0, 0), (1, 1, 1))]
+    for _ in range(20):
+        corners = np.sort(random.integers(0, np.add(density.shape, 1), (2, 3)), axis=0)
+        boxes.append((tuple(corners[0]), tuple(corners[1])))
+    boxes += [((-5, -9, 30), (4, 99, 40)), ((5, 5, 5), (5, 9, 9)), ((40, 0, 0), (50, 9, 9))]
+    for number, (low, high) in enumerate(boxes):
+        part = density[tuple(slice(max(a, 0), max(b, 0)) for a, b in zip(low, high))]
+        part[...] = random.random(part.shape) ** (8 if number % 2 else 1)
+        view_texture.patch(density, (low, high))
+        assert_shows(view_texture, density)
+    assert view_texture.uploads == 1
+
+
+def test_only_what_changed_is_sent():
+    density = np.zeros((20, 20, 20), np.float32)
+    session = SimpleNamespace(grid=SimpleNamespace(density=density), changes=(True, []))
+    session.take_changes = lambda: session.changes
+    view = LiveView()
+    for changes, sent in (((True, []), (1, 0)), ((False, []), (1, 0)), ((False, [((1, 1, 1), (4, 4, 4))]), (1, 1))):
+        session.changes = changes
+        view.update(session)
+        assert (view.texture.uploads, view.texture.patches) == sent
+    session.grid.density = np.zeros((20, 20, 28), np.float32)
+    session.changes = (False, [((1, 1, 1), (4, 4, 4))])
+    view.update(session)  # another shape is another texture, whatever is said of boxes
+    assert view.texture.uploads == 2 and view.texture.shape == (20, 20, 28)
+
+
+# Where it is seen
+
+CENTRE, RADIUS = (20.0, 17.0, 22.0), 10.0
+TURNED = np.array(
+    [[0.0, -0.6, 0.8, 1.0], [1.0, 0.0, 0.0, -2.0], [0.0, 0.8, 0.6, 3.0], [0.0, 0.0, 0.0, 1.0]],
+) @ np.diag([2.0, 2.0, 2.0, 1.0])
+MIRRORED = np.diag([-0.5, 0.5, 0.5, 1.0])
+
+
+def seen_from(to_world, offset, half=0.45, perspective=True, up=(0.0, 0.0, 1.0)):
+    """A camera ``offset`` voxels (along the world's axes) from the ball."""
+    middle = to_world[:3, :3] @ CENTRE + to_world[:3, 3]
+    scale = np.cbrt(abs(np.linalg.det(to_world[:3, :3])))
+    return Camera(tuple(middle + scale * np.array(offset)), tuple(middle), half, perspective, up)
+
+
+@pytest.mark.parametrize("to_world", [np.eye(4), TURNED, MIRRORED], ids=["plain", "turned", "mirrored"])
+@pytest.mark.parametrize(
+    ("offset", "half", "perspective"),
+    [((40, -25, 30), 0.45, True), ((0.1, 0, 60), 0.3, True), ((9, 7, 8), 0.8, True), ((40, -25, 30), 18.0, False)],
+    ids=["perspective", "along an axis", "inside the box", "orthographic"],
+)
+def test_a_ball_is_seen_where_it_is(stage, to_world, offset, half, perspective):
+    scale = np.cbrt(abs(np.linalg.det(to_world[:3, :3])))
+    camera = seen_from(to_world, offset, half if perspective else half * scale, perspective)
+    picture = stage.picture(camera, drawing(showing(ball()), camera, to_world))
+    near, far = picture.unprojected(0.0, to_world), picture.unprojected(1.0, to_world)
+    way = (far - near) / np.linalg.norm(far - near, axis=-1, keepdims=True)
+    along = np.sum((CENTRE - near) * way, axis=-1)
+    missed = np.linalg.norm(near + along[..., None] * way - CENTRE, axis=-1)
+    sure = np.abs(missed - RADIUS) > 0.25
+    assert np.array_equal(picture.seen[sure], (missed < RADIUS)[sure])
+    assert np.count_nonzero(picture.seen) > 500
+    points = picture.points(to_world)[missed < RADIUS - 0.25]
+    assert np.abs(np.linalg.norm(points - CENTRE, axis=-1) - RADIUS).max() < 0.15
+    facing = np.sum((points - CENTRE) * way[missed < RADIUS - 0.25], axis=-1)
+    assert facing.max() < 0.0  # it is the near side that is seen
+
+
+def quad(left, right, depth, colour=(0.0, 0.0, 1.0, 1.0)):
+    """A function that draws a rectangle as high as the picture; left, right and depth from 0 to 1."""
+
+    def draw():
+        shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+        corners = [(2.0 * x - 1.0, y, 2.0 * depth - 1.0) for x in (left, right) for y in (-1.0, 1.0)]
+        gpu.state.depth_test_set("LESS_EQUAL")
+        gpu.state.depth_mask_set(True)
+        gpu.state.blend_set("NONE")
+        with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+            gpu.matrix.load_identity()
+            gpu.matrix.load_projection_matrix(Matrix.Identity(4))
+            shader.bind()
+            shader.uniform_float("color", colour)
+            batch_for_shader(shader, "TRI_STRIP", {"pos": corners}).draw(shader)
+
+    return draw
+
+
+def test_things_before_it_hide_it_and_things_behind_it_do_not(stage):
+    camera = seen_from(np.eye(4), (40, -25, 30))
+    draw = drawing(showing(ball()), camera)
+    alone = stage.picture(camera, draw)
+    before, behind = alone.depth.min() - 1e-3, alone.depth[alone.seen].max() + 1e-4
+    picture = stage.picture(camera, quad(0.0, 0.5, before), quad(0.5, 1.0, behind), draw)
+    left = np.arange(WIDTH) < WIDTH // 2
+    blue = np.all(picture.colour[..., :3] == (0, 0, 1), axis=-1)
+    assert blue[:, left].all()
+    assert np.array_equal(blue[:, ~left], ~alone.seen[:, ~left])
+    whole = inner(alone.seen) & ~left
+    assert np.array_equal(picture.colour[whole], alone.colour[whole])
+    later = stage.picture(camera, draw, quad(0.0, 1.0, behind))  # it has left its own depth for what comes after it
+    assert np.array_equal(np.all(later.colour[..., :3] == (0, 0, 1), axis=-1), ~alone.seen)
+
+
+def inner(seen):
+    """Pixels with all four neighbours seen."""
+    around = np.pad(seen, 1)
+    return seen & around[2:, 1:-1] & around[:-2, 1:-1] & around[1:-1, 2:] & around[1:-1, :-2]
+
+
+def test_silhouettes_fade_into_what_is_behind_them(stage):
+    camera = seen_from(np.eye(4), (40, -25, 30))
+    draw = drawing(showing(ball()), camera)
+    black, white = (
+        stage.picture(camera, quad(0.0, 1.0, 1.0 - 1e-6, (shade, shade, shade, 1.0)), draw) for shade in (0.0, 1.0)
+    )
+    through = (white.colour - black.colour)[..., 0]
+    seen = stage.picture(camera, draw).seen
+    edge = seen & ~inner(seen)
+    assert np.all(through[inner(seen)] == 0.0) and np.all(through[~seen] == 1.0)
+    assert through[edge].min() > 0.2 and through[edge].max() < 0.8
+
+
+def test_a_volume_behind_the_viewer_is_not_seen(stage):
+    camera = Camera((20.0, 17.0, 60.0), (20.0, 17.0, 100.0), up=(0.0, 1.0, 0.0))
+    assert not stage.picture(camera, drawing(showing(ball()), camera)).seen.any()
+
+
+def test_a_sheet_of_one_voxel_has_no_holes(stage):
+    density = np.zeros((41, 41, 41))
+    density[:, :, 20] = 1.0
+    camera = Camera((20.0, -60.0, 45.0), (20.0, 20.0, 20.0))
+    picture = stage.picture(camera, drawing(showing(density), camera))
+    near, far = picture.unprojected(0.0, np.eye(4)), picture.unprojected(1.0, np.eye(4))
+    share = (20.5 - near[..., 2]) / (far - near)[..., 2]
+    crossing = near + share[..., None] * (far - near)
+    sheet = np.all((crossing[..., :2] > 0.5) & (crossing[..., :2] < 39.5), axis=-1)
+    assert sheet.sum() > 1000 and picture.seen[sheet].all()
+
+
+@pytest.mark.parametrize("level", [0.2, 0.5, 0.8])
+def test_the_level_says_where_the_surface_is(stage, level):
+    ramp = np.broadcast_to(1.0 - np.arange(32) / 31.0, (41, 41, 32))
+    picture = stage.picture(FROM_ABOVE, drawing(showing(ramp), FROM_ABOVE, level=level))
+    heights = picture.points(np.eye(4))[..., 2]
+    assert heights[HEIGHT // 2, WIDTH // 2] == pytest.approx(31.0 * (1.0 - level), abs=0.05)
+
+
+# Fog
+
+
+@pytest.mark.parametrize(("density", "thick"), [(0.3, 5), (0.6, 20), (1.0, 28)])
+def test_fog_is_as_opaque_as_what_is_in_it(stage, density, thick):
+    voxels = np.zeros((41, 41, 40))
+    voxels[:, :, 6 : 6 + thick] = density
+    camera = Camera((20.0, 20.0, 100.0), (20.0, 20.0, 0.0), 10.0, perspective=False, up=(0.0, 1.0, 0.0))
+    ground = quad(0.0, 1.0, 1.0 - 1e-6, (1.0, 1.0, 1.0, 1.0))
+    light = stage.picture(camera, ground, drawing(showing(voxels), camera, fog=True))
+    dark = stage.picture(
+        camera, quad(0.0, 1.0, 1.0 - 1e-6, (0.0, 0.0, 0.0, 1.0)), drawing(showing(voxels), camera, fog=True)
+    )
+    passed = (light.colour - dark.colour)[HEIGHT // 2, WIDTH // 2, 0]
+    assert 1.0 - passed == pytest.approx(1.0 - np.exp(-live_view.FOG_OPACITY * density * thick), rel=0.01)
+
+
+# Elastic give
+
+
+def test_the_surface_bows_as_deep_as_it_is_told_and_only_there(stage):
+    view = showing(layer(top=20.0))
+    stored, _ = texels(view.texture)
+
+    def heights(give):
+        return stage.picture(FROM_ABOVE, drawing(view, FROM_ABOVE, give=give)).points(np.eye(4))[..., 2]
+
+    flat = heights(live_view.NO_GIVE)
+    bowed = heights(Give((0.0, 0.0, -3.0), (20.0, 20.0, 17.0), 4.0))
+    middle = HEIGHT // 2, WIDTH // 2
+    assert (flat - bowed)[middle] == pytest.approx(3.0, abs=0.05)
+    places = stage.picture(FROM_ABOVE, drawing(view, FROM_ABOVE)).points(np.eye(4))[..., :2]
+    away = np.linalg.norm(places - (20.0, 20.0), axis=-1)
+    on_it = np.all((places > 0.5) & (places < 39.5), axis=-1)
+    assert np.abs(flat - bowed)[on_it & (away > 16.0)].max() < 0.02
+    near = (flat - bowed)[on_it & (away < 8.0)]
+    assert np.all(np.diff(near[np.argsort(away[on_it & (away < 8.0)])]) < 0.1)  # shallower outwards
+    assert np.array_equal(heights(live_view.NO_GIVE), flat)
+    assert np.array_equal(texels(view.texture)[0], stored)
+
+
+def test_the_bow_under_a_loaded_tool_reaches_its_tip(stage):
+    grid = DensityGrid(np.array(layer(top=20.0), np.float32))
+    push = Push(grid, SphereTool(6.0), Material(full_force=5.0, yield_ratio=0.4))
+    sample = Sample(0.0, (20.0, 20.0, 24.0), direction=(0.0, 0.0, -1.0))
+    contact = push.walk(sample)
+    assert contact.regime is Regime.ELASTIC
+    engine = SimpleNamespace(push=push, contact=contact, solved=[sample])
+    give = Give.under(engine, push.origin)
+    view = showing(grid.density)
+    picture = stage.picture(FROM_ABOVE, drawing(view, FROM_ABOVE, give=give))
+    assert picture.points(np.eye(4))[HEIGHT // 2, WIDTH // 2, 2] == pytest.approx(24.0 - 6.0, abs=0.25)
+    engine.contact = replace(contact, stress=0.0)
+    assert Give.under(engine, push.origin) == live_view.NO_GIVE
+    engine.contact, engine.solved = contact, []
+    assert Give.under(engine, push.origin) == live_view.NO_GIVE
+
+
+@pytest.mark.parametrize("radius", [1.0, 12.0])
+@pytest.mark.parametrize("height", [0.0, 0.01, 0.3, 0.8, 1.0])
+def test_the_cap_of_a_ball_has_the_height_that_its_volume_asks(radius, height):
+    deep = height * radius
+    volume = np.pi * deep**2 * (3.0 * radius - deep) / 3.0
+    assert live_view.cap_height(volume, radius) == pytest.approx(deep, abs=1e-3 * radius)
+    assert live_view.cap_height(9.0 * radius**3, radius) == radius
+
+
+# How it looks
+
+
+def test_a_dent_is_darker_than_what_surrounds_it_and_than_its_rim(stage):
+    shape = (81, 81, 40)
+    x, y, z = np.indices(shape)
+    away = np.hypot(x - 40.0, y - 40.0)
+    height = 25.0 + 2.0 * np.exp(-(((away - 12.0) / 2.5) ** 2))
+    body = np.minimum(height - z, distance_from((40.0, 40.0, 27.0), shape) - 10.0)
+    camera = Camera((40.0, 40.0, 200.0), (40.0, 40.0, 0.0), 30.0, perspective=False, up=(0.0, 1.0, 0.0))
+    picture = stage.picture(camera, drawing(showing(np.clip(body + 0.5, 0.0, 1.0)), camera))
+    place = picture.points(np.eye(4))
+    away = np.hypot(place[..., 0] - 40.0, place[..., 1] - 40.0)
+    dent, rim, plain = (picture.luminance[(away > a) & (away < b)] for a, b in ((0, 6), (11, 13), (22, 29)))
+    assert dent.mean() < 0.75 * plain.mean()
+    assert dent.mean() < 0.75 * rim.mean()
+    assert rim.std() > 3.0 * plain.std()  # light falls on one side of it
+
+
+def test_an_even_face_is_evenly_lit(stage):
+    camera = Camera((0.0, -20.0, 60.0), (20.0, 20.0, 20.0))
+    picture = stage.picture(camera, drawing(showing(layer()), camera))
+    place = picture.points(np.eye(4))
+    top = picture.seen & np.all((place[..., :2] > 12) & (place[..., :2] < 28), axis=-1) & (place[..., 2] > 19)
+    assert top.sum() > 500
+    assert np.ptp(picture.luminance[top]) < 0.02 * picture.luminance[top].mean()
+
+
+# What it costs, and what it leaves
+
+
+def test_the_same_picture_is_marched_once(stage):
+    view, camera = showing(ball()), seen_from(np.eye(4), (40, -25, 30))
+    state = cursor.CursorState((20, 17, 32), (0, 0, 1), 6.0, 9.0, Regime.NONE, 0.0, "")
+    first = stage.picture(camera, drawing(view, camera))
+    again = stage.picture(camera, drawing(view, camera))
+    stage.picture(camera, drawing(view, camera), lambda: cursor.draw_rings(state))
+    stage.picture(camera, drawing(view, camera), lambda: cursor.draw_rings(replace(state, position=(22, 17, 32))))
+    assert view.marches == 1 and np.array_equal(first.colour, again.colour)
+    marches = 1
+    for other in (
+        drawing(view, replace(camera, half=0.4)),
+        drawing(view, camera),
+        drawing(view, camera, level=0.4),
+        drawing(view, camera, fog=True),
+        drawing(view, camera, give=Give((0.0, 0.0, -1.0), CENTRE, 3.0)),
+        drawing(view, camera, key=2),
+    ):
+        stage.picture(camera, other)
+        marches += 1
+        assert view.marches == marches
+    session = SimpleNamespace(grid=SimpleNamespace(density=ball().astype(np.float32)))
+    session.take_changes = lambda: (False, [((1, 1, 1), (2, 2, 2))])
+    view.update(session)
+    stage.picture(camera, drawing(view, camera, key=2))
+    assert view.marches == marches + 1
+
+
+def test_views_that_take_turns_keep_their_pictures(stage):
+    view, camera = showing(ball()), seen_from(np.eye(4), (40, -25, 30))
+    cameras = [camera, replace(camera, half=0.6), replace(camera, half=20.0, perspective=False)]
+    for _ in range(3):
+        for key, other in enumerate(cameras):
+            stage.picture(other, drawing(view, other, key=key))
+    assert view.marches == len(cameras)
+
+
+@pytest.mark.parametrize(("test", "mask", "blend"), [("NONE", False, "NONE"), ("GREATER", True, "ADDITIVE")])
+def test_others_draw_after_it_as_before(stage, test, mask, blend):
+    view, camera = showing(ball()), seen_from(np.eye(4), (40, -25, 30))
+    state = cursor.CursorState((20, 17, 32), (0, 0, 1), 6.0, 9.0, Regime.NONE, 0.5, "")
+    found = []
+
+    def around(draw):
+        gpu.state.depth_test_set(test)
+        gpu.state.depth_mask_set(mask)
+        gpu.state.blend_set(blend)
+        draw()
+        found.append((gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()))
+
+    stage.picture(
+        camera, lambda: around(drawing(view, camera)), lambda: around(lambda: cursor.draw_rings(state)), quad(0, 1, 0.1)
+    )
+    assert found == [(test, mask, blend)] * 2
+
+
+def test_the_size_of_a_pixel_is_blenders_own_setting():
+    assert [live_view.pixel_size(choice) for choice in ("1", "2", "4", "8")] == [1, 2, 4, 8]
+    software = gpu.platform.device_type_get() == "SOFTWARE"
+    assert live_view.pixel_size("AUTO") == (2 if software else 1)
+
+
+def test_where_it_cannot_be_shown_is_said():
+    window = bpy.context.window_manager.windows[0]
+    space = next(area for area in window.screen.areas if area.type == "VIEW_3D").spaces.active
+    told = {}
+    for shading in ("WIREFRAME", "SOLID", "MATERIAL"):
+        for overlays in (True, False):
+            space.shading.type, space.overlay.show_overlays = shading, overlays
+            told[shading, overlays] = live_view.cannot_show(space)
+    assert [where for where, why in told.items() if why] == [("MATERIAL", False)]
+    assert "overlays" in told["MATERIAL", False]
+
+
+# The cursor
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (1, 0, 0), (0.6, 0, -0.8), (0.36, 0.48, 0.8)])
+def test_a_circle_lies_in_its_plane(normal):
+    centre = np.array((1.0, -2.0, 3.0))
+    points = cursor.circle(centre, normal, 2.5) - centre
+    assert np.allclose(points @ normal, 0.0, atol=1e-12)
+    assert np.allclose(np.linalg.norm(points, axis=1), 2.5)
+    assert np.allclose(points[0], points[-1]) and np.allclose(points[:-1].sum(axis=0), 0.0, atol=1e-9)
+    arc = cursor.circle(centre, normal, 2.5, 0.25) - centre
+    assert np.allclose(arc[0], points[0]) and arc[0] @ arc[-1] == pytest.approx(0.0, abs=1e-9)
+    turned = np.cross(arc[:-1], arc[1:]) @ normal
+    assert np.all(turned > 0.0) or np.all(turned < 0.0)
+
+
+def test_the_rings_are_those_of_tool_and_reach_and_the_arc_shows_the_share():
+    state = cursor.CursorState((1.0, 2.0, 3.0), (0.0, 1.0, 0.0), 2.0, 3.0, Regime.PLASTIC, 0.0, "")
+    radii = [np.linalg.norm(points - points[:-1].mean(axis=0), axis=1).max() for points, _ in cursor.strokes(state)]
+    assert radii == pytest.approx([2.0, 3.0])
+    for points, _ in cursor.strokes(state):
+        lifted = points[:, 1] - 2.0
+        assert np.all((lifted > 0.0) & (lifted <= 0.05 * state.radius))
+    for share in (0.1, 0.5, 1.0):
+        *_, (arc, _) = cursor.strokes(replace(state, share=share))
+        length = np.linalg.norm(np.diff(arc, axis=0), axis=1).sum()
+        assert length == pytest.approx(2.0 * np.pi * share * cursor.ARC_RADIUS * state.radius, rel=0.01)
+
+
+def test_rings_are_full_in_sight_and_faint_behind(stage):
+    camera = Camera((0.0, 0.0, 100.0), (0.0, 0.0, 0.0), 20.0, perspective=False, up=(0.0, 1.0, 0.0))
+    state = cursor.CursorState((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 10.0, 15.0, Regime.PLASTIC, 0.0, "")
+    # Nearer than the rings, which are 100 of 1000 away.
+    hidden = quad(0.0, 0.5, 0.51, (0.0, 0.0, 0.0, 1.0))
+    picture = stage.picture(camera, hidden, lambda: cursor.draw_rings(state))
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    away = np.hypot(x - WIDTH / 2, y - HEIGHT / 2) * 40.0 / HEIGHT
+    ring, reach = np.abs(away - 10.0) < 0.17, np.abs(away - 15.0) < 0.17
+    elsewhere = (np.abs(away - 10.0) > 1.0) & (np.abs(away - 15.0) > 1.0)
+    orange = np.array(cursor.COLOURS[Regime.PLASTIC])
+    colour = picture.colour[..., :3]
+    behind, in_sight = x < WIDTH / 2 - 1, x > WIDTH / 2 + 1
+    full, faint = np.median(colour[ring & in_sight], axis=0), np.median(colour[ring & behind], axis=0)
+    assert full[0] > 0.8 and np.allclose(full / full[0], orange / orange[0], atol=0.1)
+    assert np.allclose(faint, cursor.BEHIND * full, atol=0.08)
+    assert colour[reach & in_sight, 0].mean() > 2.0 * colour[reach & behind, 0].mean() > 0.05
+    assert np.allclose(colour[elsewhere & in_sight], GROUND, atol=1e-3)
+    assert np.array_equal(picture.depth[:, : WIDTH // 2], np.full((HEIGHT, WIDTH // 2), np.float32(0.51)))
