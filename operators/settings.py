@@ -22,6 +22,9 @@ _METHOD_WORDS = {
     "sweep": "All that yields is swept along together: fast, for volumes of any size",
     "recursive": "The paper's recursion, voxel by voxel: for small volumes only",
 }
+# Made here, for Python 3.11 finds no name of the module from within a comprehension in an annotation.
+_METHOD_ITEMS = [(name, name.capitalize(), _METHOD_WORDS[name]) for name in METHODS]
+_BORDER_ITEMS = [(name, name.capitalize(), _BORDER_WORDS[name]) for name in BORDERS]
 
 
 def _take_preset(self: RepousseSettings, _context: bpy.types.Context) -> None:
@@ -72,12 +75,12 @@ class RepousseSettings(bpy.types.PropertyGroup):
     method: bpy.props.EnumProperty(
         name="Method",
         description="How material finds its way",
-        items=[(name, name.capitalize(), _METHOD_WORDS[name]) for name in METHODS],
+        items=_METHOD_ITEMS,
     )
     border: bpy.props.EnumProperty(
         name="Border",
         description="What happens at the edge of the volume",
-        items=[(name, name.capitalize(), _BORDER_WORDS[name]) for name in BORDERS],
+        items=_BORDER_ITEMS,
     )
     use_band: bpy.props.BoolProperty(
         name="Rim",
