@@ -7,10 +7,12 @@ for as long as nothing in it would change: a cursor that moves costs no march.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import sqrt
+from weakref import WeakKeyDictionary
 
 import bpy
 import gpu
@@ -21,7 +23,7 @@ from gpu_extras.batch import batch_for_shader
 from ..core.engine import Engine
 from ..core.tool import Vector, vector
 from ..operators.automatic_level import level_of
-from ..operators.session import Session, live
+from ..operators.session import Session, give_back_displays, live
 from . import shaders
 from .texture import DensityTexture
 
@@ -103,11 +105,13 @@ class LiveView:
         """Send what has changed since this was last asked."""
         everything, boxes = session.take_changes()
         density = session.grid.density
-        if everything or self.texture.shape != density.shape:
+        if everything or self.texture.shape != density.shape:  # it may have grown since
             self.texture.upload(density)
-        for box in () if everything else boxes:
-            self.texture.patch(density, box)
-        self._version += bool(everything or boxes)
+            self._version += 1
+        elif boxes:
+            for box in boxes:
+                self.texture.patch(density, box)
+            self._version += 1
 
     def draw(self, key: int, frame: Frame) -> None:
         """Draw into what is bound, by the depth that is there; ``key`` stands for the 3D view."""
@@ -129,7 +133,8 @@ class LiveView:
     def _make(self, picture: _Picture, frame: Frame) -> None:
         block = GPUUniformBuf(uniforms(frame, self.texture.shape))
         shader = self._march
-        with picture.target.bind():
+        # One of its own for each march, for it belongs to the window that it is made in, as textures do not.
+        with GPUFrameBuffer(color_slots=(picture.colours, picture.depths)).bind():
             shader.bind()
             shader.uniform_block("march", block)
             shader.uniform_sampler("density", self.texture.density)
@@ -166,7 +171,6 @@ class _Picture:
         self.size = (width, height)
         self.colours = GPUTexture(self.size, format="RGBA16F")
         self.depths = GPUTexture(self.size, format="R32F")
-        self.target = GPUFrameBuffer(color_slots=(self.colours, self.depths))
         self.shows: tuple | None = None
 
 
@@ -217,31 +221,41 @@ def uniforms(frame: Frame, shape: tuple[int, int, int]) -> Buffer:
 
 def cannot_show(space: bpy.types.SpaceView3D) -> str | None:
     """Why Blender cannot show the live view in a 3D view as it should, in a sentence; None where it can."""
+    session = live()
+    if session is not None and session in _troubles:
+        return _troubles[session]
     if space.overlay.show_overlays or space.shading.type in {"SOLID", "WIREFRAME"}:
         return None
     return "Turn overlays on to see the volume while you sculpt it"
 
 
-_view: LiveView | None = None
+_views: WeakKeyDictionary[Session, LiveView] = WeakKeyDictionary()  # what is on the card goes when its session does
+_troubles: WeakKeyDictionary[Session, str] = WeakKeyDictionary()
 _handle = None
 
 
 def _draw() -> None:
     """In every 3D view, after the scene."""
-    global _view
     session, context = live(), bpy.context
     if session is None or session.shown_uid is None or context.region_data is None:
-        _view = None
         return
     obj = next((o for o in context.view_layer.objects if o.session_uid == session.shown_uid), None)
-    if obj is None or not obj.visible_get():
+    if obj is None or not obj.visible_get(viewport=context.space_data):
         return
+    try:
+        _draw_volume(session, obj, context)
+    except Exception as error:  # else there were a traceback for each frame, and a box for a volume
+        _turn_off(session, error)
+
+
+def _draw_volume(session: Session, obj: bpy.types.Object, context: bpy.types.Context) -> None:
     engine = session.engine
     if engine is not None:
         engine.settle(PATIENCE)
-    if _view is None:
-        _view = LiveView()
-    _view.update(session)
+    view = _views.get(session)
+    if view is None:
+        view = _views[session] = LiveView()
+    view.update(session)
     origin = engine.push.origin if engine is not None else (0, 0, 0)
     to_world = np.array(obj.matrix_world, np.float64) @ session.grid.transform
     look_at = np.array(gpu.matrix.get_model_view_matrix(), np.float64) @ to_world
@@ -257,7 +271,18 @@ def _draw() -> None:
         level_of(obj.data) or session.auto_level,
         Give.under(engine, origin) if engine is not None else NO_GIVE,
     )
-    _view.draw(context.region.as_pointer(), frame)
+    view.draw(context.region.as_pointer(), frame)
+    _troubles.pop(session, None)
+
+
+def _turn_off(session: Session, error: Exception) -> None:
+    """Say what is wrong, and let Blender draw the volume as soon as it has drawn this frame."""
+    what = str(error) or type(error).__name__
+    _troubles[session] = f"The live view is off: {what.splitlines()[0]}"
+    print(f"Repoussé: {_troubles[session]}", file=sys.stderr)
+    _views.pop(session, None)
+    session.shown_uid = None
+    bpy.app.timers.register(give_back_displays, first_interval=0.0)
 
 
 def pixel_size(choice: str) -> int:
@@ -277,7 +302,11 @@ def register():
 
 
 def unregister():
-    global _handle, _view
+    global _handle
     if _handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-    _handle = _view = None
+    if bpy.app.timers.is_registered(give_back_displays):
+        bpy.app.timers.unregister(give_back_displays)
+    _handle = None
+    _views.clear()
+    _troubles.clear()

@@ -32,9 +32,14 @@ class DensityTexture:
         self._shader: GPUShader | None = None
 
     def upload(self, density: np.ndarray) -> None:
-        """Send a whole grid, float32 (nx, ny, nz), C-contiguous."""
+        """Send a whole grid, float32 (nx, ny, nz), C-contiguous. ValueError where the graphics card cannot hold it."""
+        self.density = self.bricks = None  # the former goes first: there may not be room for both
+        try:
+            self.density = _texture(density, DENSITY_FORMAT)
+        except (RuntimeError, OverflowError, MemoryError) as error:
+            size = " x ".join(str(n) for n in density.shape)
+            raise ValueError(f"The graphics card cannot hold {size} voxels: resample the volume to fewer") from error
         self.shape = density.shape
-        self.density = _texture(density, DENSITY_FORMAT)
         self.bricks = _texture(brick_maxima(density, (0, 0, 0), _bricks(density.shape)), BRICK_FORMAT)
         self.uploads += 1
 

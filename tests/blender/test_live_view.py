@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The live view by its texels and its pixels: where a shape is seen, how deep, how bright, and at what cost."""
 
+import weakref
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,10 +14,12 @@ from mathutils import Matrix
 
 from repousse.core import DensityGrid, Material, Push, Regime, Sample, SphereTool
 from repousse.core.grid import BRICK
+from repousse.operators import session
 from repousse.ui import cursor, live_view, texture
 from repousse.ui.live_view import Give, LiveView
 
 from .offscreen import GROUND, HEIGHT, WIDTH, Camera, Stage, as_array, drawing, no_graphics
+from .sculpting import new_clay
 
 HALF_FLOAT = 2.0**-10
 """Relative error of what is stored in half floats, rounded to nearest or cut off, as drivers please."""
@@ -102,16 +105,16 @@ def test_patches_of_any_box_leave_every_texel_right():
 
 def test_only_what_changed_is_sent():
     density = np.zeros((20, 20, 20), np.float32)
-    session = SimpleNamespace(grid=SimpleNamespace(density=density), changes=(True, []))
-    session.take_changes = lambda: session.changes
+    source = SimpleNamespace(grid=SimpleNamespace(density=density), changes=(True, []))
+    source.take_changes = lambda: source.changes
     view = LiveView()
     for changes, sent in (((True, []), (1, 0)), ((False, []), (1, 0)), ((False, [((1, 1, 1), (4, 4, 4))]), (1, 1))):
-        session.changes = changes
-        view.update(session)
+        source.changes = changes
+        view.update(source)
         assert (view.texture.uploads, view.texture.patches) == sent
-    session.grid.density = np.zeros((20, 20, 28), np.float32)
-    session.changes = (False, [((1, 1, 1), (4, 4, 4))])
-    view.update(session)  # another shape is another texture, whatever is said of boxes
+    source.grid.density = np.zeros((20, 20, 28), np.float32)
+    source.changes = (False, [((1, 1, 1), (4, 4, 4))])
+    view.update(source)  # another shape is another texture, whatever is said of boxes
     assert view.texture.uploads == 2 and view.texture.shape == (20, 20, 28)
 
 
@@ -209,14 +212,17 @@ def test_silhouettes_fade_into_what_is_behind_them(stage):
 
 
 def test_a_volume_behind_the_viewer_is_not_seen(stage):
-    camera = Camera((20.0, 17.0, 60.0), (20.0, 17.0, 100.0), up=(0.0, 1.0, 0.0))
-    assert not stage.picture(camera, drawing(showing(ball()), camera)).seen.any()
+    for height in (60.0, 40.0):  # the lower one is in the grid's box
+        camera = Camera((20.0, 17.0, height), (20.0, 17.0, 100.0), up=(0.0, 1.0, 0.0))
+        picture = stage.picture(camera, drawing(showing(ball()), camera))
+        assert not picture.seen.any() and np.allclose(picture.luminance, GROUND, atol=1e-3)
 
 
-def test_a_sheet_of_one_voxel_has_no_holes(stage):
+@pytest.mark.parametrize("eye", [(20.0, -60.0, 45.0), (20.0, 19.0, 90.0)])
+def test_a_sheet_of_one_voxel_has_no_holes(stage, eye):
     density = np.zeros((41, 41, 41))
     density[:, :, 20] = 1.0
-    camera = Camera((20.0, -60.0, 45.0), (20.0, 20.0, 20.0))
+    camera = Camera(eye, (20.0, 20.0, 20.0))
     picture = stage.picture(camera, drawing(showing(density), camera))
     near, far = picture.unprojected(0.0, np.eye(4)), picture.unprojected(1.0, np.eye(4))
     share = (20.5 - near[..., 2]) / (far - near)[..., 2]
@@ -268,23 +274,32 @@ def test_the_surface_bows_as_deep_as_it_is_told_and_only_there(stage):
     away = np.linalg.norm(places - (20.0, 20.0), axis=-1)
     on_it = np.all((places > 0.5) & (places < 39.5), axis=-1)
     assert np.abs(flat - bowed)[on_it & (away > 16.0)].max() < 0.02
-    near = (flat - bowed)[on_it & (away < 8.0)]
-    assert np.all(np.diff(near[np.argsort(away[on_it & (away < 8.0)])]) < 0.1)  # shallower outwards
+    bow = 3.0 * np.exp(-0.5 * (away**2 + (bowed - 17.0) ** 2) / 4.0**2)
+    assert np.allclose((flat - bowed)[on_it], bow[on_it], atol=0.1)
     assert np.array_equal(heights(live_view.NO_GIVE), flat)
     assert np.array_equal(texels(view.texture)[0], stored)
+
+
+def test_a_bow_into_bricks_that_are_empty_is_seen(stage):
+    top = 14.4  # no density reaches the brick above, which begins at 16
+    view = showing(layer(top))
+    assert texels(view.texture)[1][2, 2, 2] == 0.0
+    draw = drawing(view, FROM_ABOVE, give=Give((0.0, 0.0, 3.0), (20.0, 20.0, top + 3.0), 4.0))
+    middle = stage.picture(FROM_ABOVE, draw).points(np.eye(4))[HEIGHT // 2, WIDTH // 2]
+    assert middle[2] == pytest.approx(top + 3.0, abs=0.05)
 
 
 def test_the_bow_under_a_loaded_tool_reaches_its_tip(stage):
     grid = DensityGrid(np.array(layer(top=20.0), np.float32))
     push = Push(grid, SphereTool(6.0), Material(full_force=5.0, yield_ratio=0.4))
-    sample = Sample(0.0, (20.0, 20.0, 24.0), direction=(0.0, 0.0, -1.0))
+    sample = Sample(0.0, (20.0, 20.0, 23.0), direction=(0.0, 0.0, -1.0))
     contact = push.walk(sample)
     assert contact.regime is Regime.ELASTIC
     engine = SimpleNamespace(push=push, contact=contact, solved=[sample])
     give = Give.under(engine, push.origin)
     view = showing(grid.density)
     picture = stage.picture(FROM_ABOVE, drawing(view, FROM_ABOVE, give=give))
-    assert picture.points(np.eye(4))[HEIGHT // 2, WIDTH // 2, 2] == pytest.approx(24.0 - 6.0, abs=0.25)
+    assert picture.points(np.eye(4))[HEIGHT // 2, WIDTH // 2, 2] == pytest.approx(23.0 - 6.0, abs=0.25)
     engine.contact = replace(contact, stress=0.0)
     assert Give.under(engine, push.origin) == live_view.NO_GIVE
     engine.contact, engine.solved = contact, []
@@ -351,9 +366,9 @@ def test_the_same_picture_is_marched_once(stage):
         stage.picture(camera, other)
         marches += 1
         assert view.marches == marches
-    session = SimpleNamespace(grid=SimpleNamespace(density=ball().astype(np.float32)))
-    session.take_changes = lambda: (False, [((1, 1, 1), (2, 2, 2))])
-    view.update(session)
+    source = SimpleNamespace(grid=SimpleNamespace(density=ball().astype(np.float32)))
+    source.take_changes = lambda: (False, [((1, 1, 1), (2, 2, 2))])
+    view.update(source)
     stage.picture(camera, drawing(view, camera, key=2))
     assert view.marches == marches + 1
 
@@ -402,6 +417,125 @@ def test_where_it_cannot_be_shown_is_said():
             told[shading, overlays] = live_view.cannot_show(space)
     assert [where for where, why in told.items() if why] == [("MATERIAL", False)]
     assert "overlays" in told["MATERIAL", False]
+
+
+# In Blender's views
+
+
+@pytest.fixture
+def clay():
+    """A block that is sculpted, and shown live, in a 3D view."""
+    obj = new_clay(name="Clay")
+    session.open_session(obj).take_display(obj)
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    bpy.context.view_layer.update()
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        yield obj
+        session.close_session()
+    if bpy.app.timers.is_registered(session.give_back_displays):
+        bpy.app.timers.unregister(session.give_back_displays)
+
+
+LOOK = Camera((4.0, -5.0, 4.0), (0.0, 0.0, 0.0))
+
+
+def in_its_place(stage, live):
+    """What is to be seen of a session's grid, and how bright."""
+    view = showing(live.grid.density)
+    to_world = np.array(bpy.data.objects["Clay"].matrix_world) @ live.grid.transform
+    return stage.picture(LOOK, drawing(view, LOOK, to_world, level=live.auto_level)).luminance
+
+
+def test_the_volume_is_drawn_where_its_object_is(stage, clay):
+    bpy.context.scene.render.preview_pixel_size = "1"
+    live = session.live()
+    first = stage.picture(LOOK, live_view._draw)
+    assert first.seen.sum() > 300
+    assert np.allclose(first.luminance, in_its_place(stage, live), atol=0.01)
+    clay.location, clay.rotation_euler, clay.scale = (0.5, 0.2, -0.3), (0.4, 0.5, 0.6), (1.2, 1.2, 1.2)
+    bpy.context.view_layer.update()
+    moved = stage.picture(LOOK, live_view._draw)
+    assert not np.allclose(moved.luminance, first.luminance, atol=0.1)
+    assert np.allclose(moved.luminance, in_its_place(stage, live), atol=0.01)
+
+
+def test_a_grid_that_grew_is_drawn_where_it_now_is(stage, clay):
+    bpy.context.scene.render.preview_pixel_size = "1"
+    live = session.live()
+    stage.picture(LOOK, live_view._draw)
+    shape = live.grid.shape
+    push = Push(live.grid, SphereTool(4.0), Material())
+    push.move_to((12.0, 12.0, 3.0))
+    push.move_to((12.0, 12.0, 1.0), continuous=True)
+    assert live.grid.shape != shape
+    grown = stage.picture(LOOK, live_view._draw)
+    assert np.allclose(grown.luminance, in_its_place(stage, live), atol=0.01)
+
+
+def test_another_volume_takes_the_place_of_the_former(stage, clay):
+    bpy.context.scene.render.preview_pixel_size = "1"
+    stage.picture(LOOK, live_view._draw)
+    former = weakref.ref(live_view._views[session.live()].texture)
+    other = new_clay(name="Other")
+    other.location = (-1.0, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    session.open_session(other).take_display(other)
+    assert former() is None  # what it had on the card went with its session
+    picture = stage.picture(LOOK, live_view._draw)
+    bpy.data.objects["Clay"].location = other.location
+    bpy.context.view_layer.update()
+    assert np.allclose(picture.luminance, in_its_place(stage, session.live()), atol=0.01)
+
+
+def test_what_is_hidden_or_in_another_scene_is_not_drawn(stage, clay, capsys):
+    def drawn():
+        return bool(stage.picture(LOOK, live_view._draw).seen.any())
+
+    assert drawn()
+    clay.hide_set(True)
+    assert not drawn()
+    clay.hide_set(False)
+    bpy.context.space_data.show_object_viewport_volume = False
+    assert not drawn()
+    bpy.context.space_data.show_object_viewport_volume = True
+    collection = clay.users_collection[0]
+    collection.objects.unlink(clay)
+    bpy.context.view_layer.update()
+    assert not drawn()
+    collection.objects.link(clay)
+    bpy.context.view_layer.update()
+    assert drawn()
+    session.close_session()
+    assert not drawn()
+    assert capsys.readouterr().err == ""
+
+
+def test_what_goes_wrong_is_said_once_and_blender_draws_the_volume_again(stage, clay, monkeypatch, capsys):
+    def fails(*_):
+        raise RuntimeError("the card is on fire\nand so is the desk")
+
+    assert clay.display_type == "BOUNDS"
+    monkeypatch.setattr(LiveView, "draw", fails)
+    for _ in range(3):
+        assert not stage.picture(LOOK, live_view._draw).seen.any()
+    assert capsys.readouterr().err == "Repoussé: The live view is off: the card is on fire\n"
+    assert live_view.cannot_show(bpy.context.space_data) == "The live view is off: the card is on fire"
+    assert bpy.app.timers.is_registered(session.give_back_displays)
+    session.give_back_displays()
+    assert clay.display_type == "TEXTURED"
+    monkeypatch.undo()
+    session.close_session()
+    session.open_session(clay).take_display(clay)  # as by choosing the tool again
+    assert stage.picture(LOOK, live_view._draw).seen.any()
+    assert live_view.cannot_show(bpy.context.space_data) is None
+
+
+def test_a_volume_too_long_for_the_graphics_card_is_refused_in_one_line():
+    longest = 1 << 15
+    with pytest.raises(ValueError, match=f"cannot hold 1 x 1 x {longest} voxels"):
+        texture.DensityTexture().upload(np.zeros((1, 1, longest), np.float32))
 
 
 # The cursor
