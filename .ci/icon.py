@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the tool's icon, `python .ci/icon.py FILE.dat`: a ball that dents clay, as triangles in Blender's own icon format.
+"""Draw the tool's icon, `python .ci/icon.py FILE.dat`: a ball that dents clay, as triangles in Blender's icon format.
 
 The format is "VCO", a zero, the width and height less one, two zeros; then x, y of all corners and red, green, blue,
 alpha of all corners, a byte each; y points up.
@@ -7,6 +7,7 @@ alpha of all corners, a byte each; y points up.
 
 import math
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 CLAY, SHADE, BALL, SHINE = (204, 120, 74, 255), (150, 84, 50, 255), (238, 238, 238, 255), (255, 255, 255, 255)
@@ -23,7 +24,7 @@ def disc(centre: Point, radius: float, corners: int = 40) -> list[Triangle]:
     around = [
         (centre[0] + radius * math.cos(n * turn), centre[1] + radius * math.sin(n * turn)) for n in range(corners + 1)
     ]
-    return [(centre, a, b) for a, b in zip(around, around[1:])]
+    return [(centre, a, b) for a, b in pairwise(around)]
 
 
 def height(x: float) -> float:
@@ -38,11 +39,12 @@ def height(x: float) -> float:
 def below(first: float, last: float, floor: float, top, steps: int = 48) -> list[Triangle]:
     """The area between a level and a curve."""
     xs = [first + (last - first) * n / steps for n in range(steps + 1)]
-    strips = [((a, floor), (b, floor), (b, top(b)), (a, top(a))) for a, b in zip(xs, xs[1:])]
+    strips = [((a, floor), (b, floor), (b, top(b)), (a, top(a))) for a, b in pairwise(xs)]
     return [half for p, q, r, s in strips for half in ((p, q, r), (p, r, s))]
 
 
 def main() -> None:
+    """Write the file that the command line names."""
     shapes = [
         (below(16.0, 240.0, FLOOR, height), CLAY),
         (below(16.0, 240.0, FLOOR, lambda x: FLOOR + 22.0), SHADE),
