@@ -115,9 +115,7 @@ class Stroke:
         if not self.symmetry:
             return Push(grid, *how)
         if self.mirror is None:
-            raise ValueError(
-                f'a stroke with the symmetry "{self.symmetry}" needs a mirror: the point to mirror at'
-            )
+            raise ValueError(f'a stroke with the symmetry "{self.symmetry}" needs a mirror: the point to mirror at')
         return SymmetricPush(grid, *how, axes=self.symmetry, centre=self.mirror)
 
     def moved_by(self, offset: Iterable[float]) -> Stroke:
