@@ -11,14 +11,13 @@ import numpy as np
 
 from ..core import Contact, SphereTool, Stroke
 from ..core.engine import Engine
-from ..core.grid import Box
 from ..core.guide import Brush, Guide
 from ..core.surface import Surface
 from ..core.tool import DEFAULT_REACH, Vector, vector
 from . import strokes
 from .aim import Aim, Pointer
 from .automatic_level import level_of
-from .session import Session, live, open_session
+from .session import Session, end_stroke, in_array, live, open_session
 from .settings import RepousseSettings
 from .volumes import OnActiveVolume, active_volume
 
@@ -65,6 +64,7 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
                 return {"CANCELLED"}  # one stroke at a time
             self._begin(context, event, obj, session, settings)
         except (ValueError, MemoryError) as error:
+            end_stroke()
             self.report({"ERROR"}, str(error) or "There is not enough memory for a stroke in this volume")
             return {"CANCELLED"}
         self._timer = context.window_manager.event_timer_add(TICK, window=context.window)
@@ -111,9 +111,19 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
         session = live()
         if session is None or session.engine is not self._engine or context.area is None:
             return self._leave(context)  # undo, a file, or the add-on's end has ended the stroke
-        if self._engine.failure is not None:
-            self.report({"ERROR"}, f"The stroke was taken back: {self._engine.failure}")
+        try:
+            if self._engine.failure is not None:
+                raise self._engine.failure
+            return self._on(context, event, session)
+        except Exception as error:  # whatever it is, no thread and no half stroke may outlive it
+            if session.engine is not self._engine:
+                self.report({"WARNING"}, f"The stroke was not recorded: {error}")
+                return {"FINISHED"}
+            self.report({"ERROR"}, f"The stroke was taken back: {error}")
             return self._take_back(context, session)
+
+    def _on(self, context, event, session):
+        """One event of a stroke that runs."""
         if event.value == "PRESS" and event.type in {"ESC", "RIGHTMOUSE"}:
             return self._take_back(context, session)
         if event.type == "LEFTMOUSE" and event.value == "RELEASE":
@@ -154,31 +164,25 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
     def _commit(self, context, session):
         """The button is up and all is solved: the next revision of the volume, and one step of undo."""
         engine, obj = self._engine, active_volume(context)
-        try:
-            samples = engine.finish()
-        except Exception as error:  # whatever a solve raised: the artist's work must not hang on it
-            self.report({"ERROR"}, f"The stroke was taken back: {error}")
-            return self._take_back(context, session)
-        boxes = in_array(engine.touched, engine.push.origin)
+        samples = engine.finish()
+        boxes = [in_array(box, engine.push.origin) for box in engine.touched]
         if obj is None or obj.data.session_uid != self._volume or not boxes:
             return self._take_back(context, session)
+        session.commit(obj, boxes, engine.mass_out)
         session.last_trace = engine.trace
-        try:
-            session.commit(obj, boxes, engine.mass_out)
-        except (ValueError, OSError) as error:
-            self.report({"ERROR"}, f"The stroke was taken back: {error}")
-            engine.push.restore(engine.history)
-            return self._take_back(context, session)
+        session.engine = None
+        self._leave(context)
         if context.scene.repousse.record:
             self._stroke.samples = samples
             strokes.keep(self._stroke, obj.data)
-        session.engine = None
-        self._leave(context)
         return {"FINISHED"}
 
     def _take_back(self, context, session):
         """Every voxel as it was before the stroke."""
-        self._engine.cancel()
+        engine = self._engine
+        engine.cancel()
+        if engine.touched:  # it had been finished: what has failed is the commit
+            engine.push.restore(engine.history)
         session.changed(None)
         session.engine = None
         return self._leave(context)
@@ -192,11 +196,6 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
         if context.area is not None:
             context.area.tag_redraw()
         return {"CANCELLED"}
-
-
-def in_array(boxes: list[Box], origin: tuple[int, int, int]) -> list[Box]:
-    """Boxes in the frame of the poses as indices of the array, whose first voxel lies at ``origin`` in that frame."""
-    return [tuple(tuple(int(v - o) for v, o in zip(end, origin)) for end in box) for box in boxes]
 
 
 def _stroke_of(settings: RepousseSettings, verb: str, radius: float, session: Session) -> Stroke:

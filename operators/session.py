@@ -173,7 +173,7 @@ class Session:
         engine = self.engine
         if engine is not None:
             changes, origin = engine.take_changes() or (), engine.push.origin
-            boxes += [(_in_array(low, origin), _in_array(high, origin)) for low, high in changes]
+            boxes += [in_array(box, origin) for box in changes]
         if self.grid.density is not self._seen:  # a grid that grows moves into another array
             self._seen = self.grid.density
             return True, []
@@ -281,10 +281,11 @@ def _give_back(obj: bpy.types.Object) -> None:
         obj.property_unset("repousse_display")
 
 
-def _in_array(corner: tuple[int, int, int], origin: tuple[int, int, int]) -> tuple[int, int, int]:
-    """A corner in the frame of the poses as an index of the array, whose first voxel lies at ``origin`` in that."""
-    x, y, z = (int(c - o) for c, o in zip(corner, origin))
-    return x, y, z
+def in_array(box: Box, origin: tuple[int, int, int]) -> Box:
+    """A box in the frame of the poses as indices of the array, whose first voxel lies at ``origin`` in that frame."""
+    (i0, j0, k0), (i1, j1, k1) = box
+    x, y, z = (int(o) for o in origin)
+    return (i0 - x, j0 - y, k0 - z), (i1 - x, j1 - y, k1 - z)
 
 
 def register():
