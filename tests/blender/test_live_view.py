@@ -284,9 +284,9 @@ def test_a_bow_into_bricks_that_are_empty_is_seen(stage):
     top = 14.4  # no density reaches the brick above, which begins at 16
     view = showing(layer(top))
     assert texels(view.texture)[1][2, 2, 2] == 0.0
-    draw = drawing(view, FROM_ABOVE, give=Give((0.0, 0.0, 3.0), (20.0, 20.0, top + 3.0), 4.0))
+    draw = drawing(view, FROM_ABOVE, give=Give((0.0, 0.0, 11.0), (20.0, 20.0, top + 11.0), 8.0))
     middle = stage.picture(FROM_ABOVE, draw).points(np.eye(4))[HEIGHT // 2, WIDTH // 2]
-    assert middle[2] == pytest.approx(top + 3.0, abs=0.05)
+    assert middle[2] == pytest.approx(top + 11.0, abs=0.05)
 
 
 def test_the_bow_under_a_loaded_tool_reaches_its_tip(stage):
