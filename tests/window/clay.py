@@ -13,8 +13,12 @@ from bl_ext.user_default.repousse.operators.volumes import active_volume, add_vo
 
 from .window import Window
 
+RESOLUTION = 72
+"""Voxels along an edge. No power of two, nor when the grid has grown: Mesa's software renderer compiles a shader anew,
+for two seconds, whenever a side of a texture becomes one or ceases to be one."""
 
-def new_block(window: Window, resolution: int = 64, material: str = "clay") -> bpy.types.Object:
+
+def new_block(window: Window, resolution: int = RESOLUTION, material: str = "clay") -> bpy.types.Object:
     """A block of clay about the world's middle, two metres wide, to the edges of its grid: the active object."""
     with window.context():
         assert bpy.ops.repousse.new_clay_block(resolution=resolution, size=2.0, material=material) == {"FINISHED"}
@@ -22,7 +26,7 @@ def new_block(window: Window, resolution: int = 64, material: str = "clay") -> b
         return active_volume(bpy.context)
 
 
-def new_slab(window: Window, resolution: int = 64, density: float = 1.0) -> bpy.types.Object:
+def new_slab(window: Window, resolution: int = RESOLUTION, density: float = 1.0) -> bpy.types.Object:
     """A slab in the lower half of a cubic grid two metres wide, with air on all sides: its top is at z = 0."""
     voxels = np.zeros((resolution,) * 3, np.float32)
     air = resolution // 8

@@ -47,6 +47,7 @@ class Drive:
 
     def __init__(self, scenarios, folder: Path, suffix: str):
         self.window_module = importlib.import_module(f"{PACKAGE}.window")
+        self.window_module.count_drawings()
         self.left = list(scenarios)
         self.folder = folder
         self.suffix = suffix

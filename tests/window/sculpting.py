@@ -23,10 +23,9 @@ def take_tool(window: Window, tool: str = TOOL) -> Steps:
     """Choose a tool; with the push tool, wait until the active volume is ready to be sculpted."""
     with window.context():
         assert bpy.ops.wm.tool_set_by_id(name=tool) == {"FINISHED"}
-    yield from window.drawn()
     if tool == TOOL:
         yield from window.until(lambda: sessions.live() is not None, "the volume to be made ready")
-        yield from window.drawn()
+    yield from window.drawn()
 
 
 def ready(window: Window, rotation=FROM_ABOVE, target=(0.0, 0.0, 0.0), distance=4.0, **settings) -> Steps:
@@ -35,7 +34,9 @@ def ready(window: Window, rotation=FROM_ABOVE, target=(0.0, 0.0, 0.0), distance=
         setattr(bpy.context.scene.repousse, name, value)
     with window.context():
         bpy.ops.ed.undo_push(message="Settings")  # or undo takes them back along with the first stroke
-    yield from take_tool(window)
+    with window.context():
+        bpy.ops.wm.tool_set_by_id(name=TOOL)
+    yield from window.until(lambda: sessions.live() is not None, "the volume to be made ready")
     yield from window.look(rotation, target, distance)
 
 
@@ -59,7 +60,6 @@ def end(window: Window, *modifiers: str) -> Steps:
 def over(window: Window) -> Steps:
     """Wait until no stroke runs."""
     yield from window.until(lambda: not running(), "the stroke to end", 20.0)
-    yield 0.0
 
 
 def stroke(window: Window, start: Iterable[float], finish: Iterable[float], *modifiers: str, moves=24) -> Steps:
@@ -105,6 +105,11 @@ def threads() -> set[str]:
     return {thread.name for thread in threading.enumerate() if thread.name.startswith("repousse")}
 
 
+def stroke_threads() -> set[str]:
+    """The names of those that only a stroke may have; the hash of a new revision is made after it."""
+    return threads() - {"repousse hash"}
+
+
 def recorded(volume: bpy.types.Object) -> Stroke:
     """The last stroke kept with a volume."""
     return strokes.stroke_in(strokes.kept(volume.data)[-1])
@@ -118,9 +123,9 @@ def replayed(stroke: Stroke, start: DensityGrid) -> DensityGrid:
 
 
 def assert_at_rest(volume: bpy.types.Object) -> None:
-    """No stroke, no thread of the add-on; the live grid, where there is one, is that of the volume's file."""
+    """No stroke, none of its threads; the live grid, where there is one, is that of the volume's file."""
     assert not running(), "a stroke is running"
-    assert not threads(), f"there are threads left: {threads()}"
+    assert not stroke_threads(), f"there are threads left: {stroke_threads()}"
     session = sessions.live()
     if session is not None:
         assert session.path == file_of(volume), f"the session is of {session.path}, the volume of {file_of(volume)}"

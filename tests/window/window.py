@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import contextmanager
 from pathlib import Path
@@ -65,12 +66,14 @@ class Window:
             yield bpy.context
 
     def fresh_file(self) -> Steps:
-        """Blender's own start file, without the cube, drawn."""
+        """Blender's own start file, without what stands in it, drawn."""
         self._modifiers = {}
         bpy.ops.wm.read_homefile(app_template="")
         yield 0.05
         for thing in list(bpy.data.objects):
             bpy.data.objects.remove(thing)
+        overlay = self.area.spaces.active.overlay  # without a graphics card the floor costs more than all else
+        overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
         with self.context():
             bpy.ops.ed.undo_push(message="Original")
         yield from self.drawn()
@@ -100,15 +103,12 @@ class Window:
 
     def drawn(self) -> Steps:
         """Wait until every 3D view has been drawn anew."""
-        drawn: list[bool] = []
-        handler = bpy.types.SpaceView3D.draw_handler_add(drawn.append, (True,), "WINDOW", "POST_PIXEL")
+        former = {area.as_pointer(): _drawings[area.as_pointer()] for area in self.areas}
         for area in self.areas:
             area.tag_redraw()
-        try:
-            yield from self.until(lambda: len(drawn) >= len(self.areas), "a view to be drawn", 30.0)
-        finally:
-            bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
-        yield 0.0
+        yield from self.until(
+            lambda: all(_drawings[pointer] > count for pointer, count in former.items()), "a view to be drawn", 30.0
+        )
 
     def event(self, kind: str, value: str) -> None:
         """Send one event at the pointer's place, with the modifiers that are held."""
@@ -178,6 +178,16 @@ class Window:
     def figures(self, **figures: float) -> None:
         """Tell the outside figures, by name."""
         self._tell("figures", figures=figures)
+
+
+_drawings: Counter[int] = Counter()  # by the pointers of the views
+
+
+def count_drawings() -> None:
+    """Count from now on how often each 3D view is drawn."""
+    bpy.types.SpaceView3D.draw_handler_add(
+        lambda: _drawings.update([bpy.context.area.as_pointer()]), (), "WINDOW", "POST_PIXEL"
+    )
 
 
 _MODIFIERS = {"LEFT_CTRL": "ctrl", "LEFT_SHIFT": "shift", "LEFT_ALT": "alt"}

@@ -3,7 +3,7 @@
 
 import bpy
 
-from ..clay import in_file, new_block
+from ..clay import RESOLUTION, in_file, new_block
 from ..scenario import Steps, scenario
 from ..window import THREE_QUARTERS, Window
 
@@ -19,4 +19,4 @@ def a_new_block_is_undone_and_redone(window: Window) -> Steps:
     yield from window.tap("Z", "LEFT_CTRL", "LEFT_SHIFT")
     yield from window.until(lambda: len(bpy.data.objects) == 1, "the block to come back")
     assert (in_file(bpy.data.objects[0]).density == before).all()
-    assert before.shape == (64, 64, 64)
+    assert before.shape == (RESOLUTION,) * 3

@@ -15,6 +15,7 @@ from ..sculpting import (
     running,
     sessions,
     stroke,
+    stroke_threads,
     take_tool,
     threads,
 )
@@ -29,7 +30,7 @@ def interrupted(window: Window) -> Steps:
     new_block(window)
     yield from ready(window)
     yield from half_a_stroke(window, *LINE)
-    assert threads()
+    assert stroke_threads()
 
 
 @scenario()
@@ -92,7 +93,7 @@ def undo_is_called(window: Window) -> Steps:
     yield from half_a_stroke(window, *LINE)
     with window.context():
         bpy.ops.ed.undo()
-    assert not running() and not threads()
+    assert not running() and not stroke_threads()
     yield from window.release()
     yield from window.drawn()
     assert file_of(bpy.context.object) == former
@@ -123,7 +124,7 @@ def the_volume_is_deleted(window: Window) -> Steps:
     yield from window.release()
     yield from over(window)
     yield from window.drawn()
-    assert not threads()
+    assert not stroke_threads()
     yield from window.until(lambda: sessions.live() is None, "the volume to be let go")
 
 

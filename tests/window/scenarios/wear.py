@@ -38,6 +38,8 @@ def resident() -> float:
 def a_hundred_strokes(window: Window) -> Steps:
     bpy.context.preferences.system.memory_cache_limit = MEMORY_CACHE
     volume = new_block(window)
+    window.area.spaces.active.overlay.show_overlays = False  # what is drawn is not what is measured
+    bpy.context.scene.render.preview_pixel_size = "4"
     yield from ready(window, record=False, radius=25)
     begun, ended, memory = [], [], []
     for number in range(STROKES):
