@@ -116,7 +116,7 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
                 raise self._engine.failure
             return self._on(context, event, session)
         except Exception as error:  # whatever it is, no thread and no half stroke may outlive it
-            if session.engine is not self._engine:
+            if session.engine is None:
                 self.report({"WARNING"}, f"The stroke was not recorded: {error}")
                 return {"FINISHED"}
             self.report({"ERROR"}, f"The stroke was taken back: {error}")
@@ -170,11 +170,11 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
             return self._take_back(context, session)
         session.commit(obj, boxes, engine.mass_out)
         session.last_trace = engine.trace
-        session.engine = None
+        session.engine, stroke = None, self._stroke
         self._leave(context)
         if context.scene.repousse.record:
-            self._stroke.samples = samples
-            strokes.keep(self._stroke, obj.data)
+            stroke.samples = samples
+            strokes.keep(stroke, obj.data)
         return {"FINISHED"}
 
     def _take_back(self, context, session):
@@ -195,6 +195,7 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
             context.workspace.status_text_set(None)
         if context.area is not None:
             context.area.tag_redraw()
+        self._engine = self._guide = self._stroke = self._shown = None  # Blender keeps what made a step of undo
         return {"CANCELLED"}
 
 
