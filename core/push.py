@@ -151,6 +151,11 @@ class Push:
         """The last contact of each tool: of this one."""
         return (self._contact,)
 
+    @property
+    def position(self) -> Vector | None:
+        """Where the tool is, in the frame of the poses; None when it is out."""
+        return self._position
+
     def _take_up(self, tool: Tool) -> None:
         self.tool = tool
         self.k_t, self.k_s = self.material.stiffness(tool)

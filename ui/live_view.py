@@ -2,7 +2,8 @@
 """The live view: the volume that is sculpted, marched on the graphics card from the array that the kernels write into.
 
 A stroke sends only the box that it changed. The march goes into a picture of its own, which is drawn again as it is
-for as long as nothing in it would change: a cursor that moves costs no march.
+for as long as nothing in it would change: a cursor that moves costs no march, and a stroke only that of the part of the
+picture in which it is seen.
 """
 
 from __future__ import annotations
@@ -10,21 +11,22 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from math import sqrt
+from dataclasses import dataclass, field, replace
 from weakref import WeakKeyDictionary
 
 import bpy
 import gpu
 import numpy as np
-from gpu.types import Buffer, GPUFrameBuffer, GPUShader, GPUTexture, GPUUniformBuf
-from gpu_extras.batch import batch_for_shader
+from gpu.types import Buffer, GPUFrameBuffer, GPUTexture, GPUUniformBuf
 
 from ..core.engine import Engine
-from ..core.tool import Vector, vector
+from ..core.grid import Box
 from ..operators.automatic_level import level_of
 from ..operators.session import Session, give_back_displays, live
-from . import shaders
+from . import give, programs, shaders
+from .give import Give
+from .programs import Screen
+from .sight import Sight
 from .texture import DensityTexture
 
 FOG_OPACITY = 0.06
@@ -33,121 +35,145 @@ PATIENCE = 0.008
 """Seconds for which a frame waits for the poses that it is to show."""
 MOST_VIEWS = 8
 """Views whose pictures are kept."""
-GIVE_WIDTH = 0.7
-"""Width of the bow under a loaded tool, in its radii."""
-
-
-@dataclass(frozen=True)
-class Give:
-    """How the surface bows under a tool that loads it elastically, in voxels: by what, where, and how wide."""
-
-    by: Vector = (0.0, 0.0, 0.0)
-    at: Vector = (0.0, 0.0, 0.0)
-    width: float = 1.0
-
-    @classmethod
-    def under(cls, engine: Engine, origin) -> Give:
-        """Of a running push: as deep as a cap of the ball that holds the mass which the tool has not moved."""
-        push, contact = engine.push, engine.contact
-        if contact.stress <= 0.0 or not engine.solved or push.verb != "push":
-            return NO_GIVE
-        sample, force = engine.solved[-1], float(np.linalg.norm(contact.force))
-        way = sample.direction or (vector(-contact.force / force) if force > 0.0 else None)
-        if way is None:
-            return NO_GIVE
-        radius = push.tool.radius
-        deep = cap_height(contact.stress / push.k_t, radius)
-        tip = [p + u * radius - o for p, u, o in zip(sample.position, way, origin)]
-        return cls(vector(deep * u for u in way), vector(tip), GIVE_WIDTH * radius)
-
-
-NO_GIVE = Give()
-
-
-def cap_height(volume: float, radius: float) -> float:
-    """Height of the cap of a ball that has this volume, V = pi h^2 (3 R - h) / 3, up to a radius."""
-    share = min(max(3.0 * volume / (np.pi * radius**3), 0.0), 2.0)
-    height = sqrt(share / 3.0)
-    for _ in range(4):  # Newton on h^2 (3 - h) = share, from below; half a ball at the most
-        height += (share - height**2 * (3.0 - height)) / max(height * (6.0 - 3.0 * height), 1e-9)
-    return radius * min(height, 1.0)
 
 
 @dataclass(frozen=True)
 class Frame:
-    """All that a picture depends on but the voxels: two that are equal look the same.
+    """All that a picture depends on but the voxels.
 
-    ``to_clip``: the (4, 4) matrix from voxels to clip space, and ``to_world``: to the world, as bytes of float64.
-    ``to_view``: that of the view; ``fog``, ``level`` and ``give`` as the voxels are to look.
+    ``projection`` and ``to_view``: (4, 4) matrices from the view to clip space and from voxels to the view, as bytes of
+    float64, so that frames can be compared. ``width`` and ``height`` in marched pixels; ``level``: the density that is
+    seen as the surface; ``gives``: how that gives under tools.
     """
 
-    to_clip: bytes
+    projection: bytes
     to_view: bytes
     width: int
     height: int
-    fog: bool
     level: float
-    give: Give
+    fog: bool = False
+    gives: tuple[Give, ...] = ()
+
+    @classmethod
+    def of(cls, projection: np.ndarray, to_view: np.ndarray, width: int, height: int, level: float, **more) -> Frame:
+        """From matrices that are arrays."""
+        matrices = (np.ascontiguousarray(m, np.float64).tobytes() for m in (projection, to_view))
+        return cls(*matrices, width, height, level, **more)
+
+    def sight(self, shape: tuple[int, int, int]) -> Sight | None:
+        """How it is seen; None when it is not, flat as it is."""
+        return Sight.of(*(np.frombuffer(m).reshape(4, 4) for m in (self.projection, self.to_view)), shape)
 
 
 class LiveView:
-    """One volume's texture, and the pictures that 3D views have of it. ``marches`` counts those that were made."""
+    """One grid's texture, and the pictures that 3D views have of it.
+
+    ``marches`` and ``marched_pixels`` count what was marched. Everything on the graphics card goes with it.
+    """
 
     def __init__(self) -> None:
         self.texture = DensityTexture()
-        self.marches = 0
-        self._version = 0
+        self.marches = self.marched_pixels = 0
         self._pictures: dict[int, _Picture] = {}
-        self._march: GPUShader | None = None
-        self._composite: GPUShader | None = None
+        self._block: GPUUniformBuf | None = None
 
     def update(self, session: Session) -> None:
         """Send what has changed since this was last asked."""
         everything, boxes = session.take_changes()
         density = session.grid.density
-        if everything or self.texture.shape != density.shape:  # it may have grown since
+        if everything or self.texture.shape != density.shape:
             self.texture.upload(density)
-            self._version += 1
-        elif boxes:
-            for box in boxes:
-                self.texture.patch(density, box)
-            self._version += 1
+            for picture in self._pictures.values():
+                picture.frame = None
+            return
+        for box in boxes:
+            self.texture.patch(density, box)
+            for picture in self._pictures.values():
+                picture.stale.append(box)
 
     def draw(self, key: int, frame: Frame) -> None:
         """Draw into what is bound, by the depth that is there; ``key`` stands for the 3D view."""
-        if self._march is None or self._composite is None:
-            self._march, self._composite = shaders.march_shader(), shaders.composite_shader()
-        picture = self._pictures.get(key)
-        if picture is None or picture.size != (frame.width, frame.height):
-            self._pictures.pop(key, None)
-            if len(self._pictures) >= MOST_VIEWS:
-                self._pictures.pop(next(iter(self._pictures)))
-            picture = self._pictures[key] = _Picture(frame.width, frame.height)
-        if picture.shows != (frame, self._version):
-            with _state("NONE", False, "NONE"):
-                self._make(picture, frame)
-            picture.shows = (frame, self._version)
+        if frame.width < 1 or frame.height < 1:
+            return
+        picture = self._picture(key, (frame.width, frame.height))
+        if not self._bring_up_to_date(picture, frame):
+            return
         with _state("LESS_EQUAL", True, "ALPHA_PREMULT"):
-            self._show(picture)
+            screen = programs.composite()
+            screen.shader.bind()
+            screen.shader.uniform_sampler("colours", picture.colours)
+            screen.shader.uniform_sampler("depths", picture.depths)
+            screen.draw()
 
-    def _make(self, picture: _Picture, frame: Frame) -> None:
-        block = GPUUniformBuf(uniforms(frame, self.texture.shape))
-        shader = self._march
+    def _picture(self, key: int, size: tuple[int, int]) -> _Picture:
+        picture = self._pictures.pop(key, None)
+        if picture is None or picture.size != size:
+            picture = _Picture(size)
+        self._pictures[key] = picture  # the newest is the last
+        if len(self._pictures) > MOST_VIEWS:
+            del self._pictures[next(iter(self._pictures))]
+        return picture
+
+    def _bring_up_to_date(self, picture: _Picture, frame: Frame) -> bool:
+        """March what is not yet as it is to be; False when there is nothing to see."""
+        former, boxes = picture.frame, picture.stale
+        picture.frame, picture.stale = frame, []
+        if former == frame and not boxes:
+            return True
+        sight = frame.sight(self.texture.shape)
+        if sight is None:
+            picture.frame = None
+            return False
+        parts = [(0, 0, frame.width, frame.height)]
+        if former is not None and replace(former, gives=frame.gives) == frame:
+            if former.gives != frame.gives:
+                boxes += [one.box for one in (*former.gives, *frame.gives)]
+            seen = (sight.rectangle(box, shaders.AROUND, frame.width, frame.height) for box in boxes)
+            parts = _joined([part for part in seen if part is not None])
+        if parts:
+            self._tell(frame, sight)
+        programs.march(frame.fog, True)  # now: a stroke that begins must not wait for a compiler
+        screen = programs.march(frame.fog, bool(frame.gives))
+        for part in parts:
+            self._march_part(screen, picture, part)
+        return True
+
+    def _tell(self, frame: Frame, sight: Sight) -> None:
+        block = uniforms(frame, sight, self.texture.shape)
+        data = Buffer("FLOAT", block.size, block.ravel())
+        if self._block is None:
+            self._block = GPUUniformBuf(data)
+        else:
+            self._block.update(data)
+
+    def _march_part(self, screen: Screen, picture: _Picture, part: tuple[int, int, int, int]) -> None:
+        shader = screen.shader
         # One of its own for each march, for it belongs to the window that it is made in, as textures do not.
-        with GPUFrameBuffer(color_slots=(picture.colours, picture.depths)).bind():
+        target = GPUFrameBuffer(color_slots=(picture.colours, picture.depths))
+        with _state("NONE", False, "NONE"), target.bind():
+            gpu.state.scissor_test_set(True)
+            gpu.state.scissor_set(*part)
             shader.bind()
-            shader.uniform_block("march", block)
-            shader.uniform_sampler("density", self.texture.density)
-            shader.uniform_sampler("bricks", self.texture.bricks)
-            _triangle(shader).draw(shader)
+            shader.uniform_block("march", self._block)
+            for name in ("density", "bricks", "eased", "fillings"):
+                shader.uniform_sampler(name, getattr(self.texture, name))
+            screen.draw()
+            gpu.state.scissor_test_set(False)
         self.marches += 1
+        self.marched_pixels += part[2] * part[3]
 
-    def _show(self, picture: _Picture) -> None:
-        shader = self._composite
-        shader.bind()
-        shader.uniform_sampler("colours", picture.colours)
-        shader.uniform_sampler("depths", picture.depths)
-        _triangle(shader).draw(shader)
+
+@dataclass(eq=False)
+class _Picture:
+    """A march's colour and depth: what they show, and the boxes of voxels that have changed since."""
+
+    size: tuple[int, int]
+    frame: Frame | None = None
+    stale: list[Box] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.colours = GPUTexture(self.size, format="RGBA16F")
+        self.depths = GPUTexture(self.size, format="R32F")
 
 
 @contextmanager
@@ -164,59 +190,56 @@ def _state(depth_test: str, depth_mask: bool, blend: str) -> Iterator[None]:
             put(value)
 
 
-class _Picture:
-    """A march's colour and depth."""
+def _joined(parts: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
+    """Rectangles that cover the same, and do not overlap."""
+    apart: list[tuple[int, int, int, int]] = []
+    for x, y, w, h in parts:
+        part = (x, y, w, h)
+        while (other := next((o for o in apart if _overlap(o, part)), None)) is not None:
+            apart.remove(other)
+            low = [min(a, b) for a, b in zip(other[:2], part[:2])]
+            high = [max(a + c, b + d) for a, c, b, d in zip(other[:2], other[2:], part[:2], part[2:])]
+            part = (*low, high[0] - low[0], high[1] - low[1])
+        apart.append(part)
+    return apart
 
-    def __init__(self, width: int, height: int) -> None:
-        self.size = (width, height)
-        self.colours = GPUTexture(self.size, format="RGBA16F")
-        self.depths = GPUTexture(self.size, format="R32F")
-        self.shows: tuple | None = None
+
+def _overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> bool:
+    return all(a[n] < b[n] + b[n + 2] and b[n] < a[n] + a[n + 2] for n in (0, 1))
 
 
-def _triangle(shader: GPUShader):
-    return batch_for_shader(shader, "TRIS", {"corner": shaders.COVERING})
-
-
-def uniforms(frame: Frame, shape: tuple[int, int, int]) -> Buffer:
-    """The uniform block of a march, by name as `shaders.MARCH_FIELDS` says."""
-    to_clip = np.frombuffer(frame.to_clip).reshape(4, 4)
-    axes = np.frombuffer(frame.to_view).reshape(4, 4)[:3, :3]
-    axes = axes / np.cbrt(abs(np.linalg.det(axes)))
-    from_clip = np.linalg.inv(to_clip)
-    middle = to_clip @ (*((n - 1) / 2.0 for n in shape), 1.0)
-    depth = np.clip(middle[2] / middle[3], -0.999, 0.9999) if middle[3] > 0.0 else 0.0
-
-    def at(x: float, y: float, z: float) -> np.ndarray:
-        point = from_clip @ (x, y, z, 1.0)
-        return point[:3] / point[3]
-
-    plane = at(0.0, 0.0, depth)
-    perspective = bool(np.abs(to_clip[3, :3]).max() > 1e-12)
-    if perspective:  # the eye is where clip x, y and w are zero
-        eye = np.linalg.solve(to_clip[[0, 1, 3], :3], -to_clip[[0, 1, 3], 3])
-    else:
-        eye = at(0.0, 0.0, 1.0) - at(0.0, 0.0, -1.0)
-        eye /= np.linalg.norm(eye)
-        plane = plane - eye * (np.linalg.norm(shape) + np.linalg.norm(plane - (np.array(shape) - 1) / 2.0))
-    middle_of_plane, give = at(0.0, 0.0, depth), frame.give
+def uniforms(frame: Frame, sight: Sight, shape: tuple[int, int, int]) -> np.ndarray:
+    """The uniform block of a march, by name as `shaders.FIELDS` says: (rows, 4) float32."""
     told = {
-        "eye": (*eye, float(perspective)),
-        "plane": (*plane, 0.0),
-        "across": (*(at(1.0, 0.0, depth) - middle_of_plane), 0.0),
-        "up": (*(at(0.0, 1.0, depth) - middle_of_plane), 0.0),
-        "shape": (*shape, frame.level),
-        "to_view_x": (*axes[0], 0.0),
-        "to_view_y": (*axes[1], 0.0),
-        "to_view_z": (*axes[2], 0.0),
-        "give": (*give.by, float(any(give.by))),
-        "give_at": (*give.at, give.width),
-        "look": (float(frame.fog), FOG_OPACITY, 0.0, 0.0),
-        "clip_z": to_clip[2],
-        "clip_w": to_clip[3],
+        "start": sight.start[0],
+        "start_x": sight.start[1],
+        "start_y": sight.start[2],
+        "way": sight.way[0],
+        "way_x": sight.way[1],
+        "way_y": sight.way[2],
+        "normal_x": sight.normals[0],
+        "normal_y": sight.normals[1],
+        "normal_z": sight.normals[2],
+        "clip_z": sight.to_clip[2],
+        "clip_w": sight.to_clip[3],
+        "shape": (*shape, max(frame.level, 1e-3)),
+        "look": (0.0, FOG_OPACITY, float(len(frame.gives))),
     }
-    block = np.array([told[name] for name in shaders.MARCH_FIELDS], np.float32)
-    return Buffer("FLOAT", block.size, block.ravel())
+    block = np.zeros((len(shaders.FIELDS) + 2 * give.MOST, 4), np.float32)
+    for row, name in zip(block, shaders.FIELDS):
+        row[: len(told[name])] = told[name]
+    tips, ways = block[len(shaders.FIELDS) :].reshape(2, give.MOST, 4)
+    for one, tip, way in zip(frame.gives, tips, ways):
+        tip[:], way[:3] = (*one.tip, one.radius), one.by
+    return block
+
+
+def gives_of(engine: Engine | None) -> tuple[Give, ...]:
+    """How the surface gives under the tools of the stroke that runs."""
+    if engine is None:
+        return ()
+    pushes = getattr(engine.push, "pushes", (engine.push,))
+    return tuple(one for one in map(give.under, pushes[: give.MOST]) if one is not None)
 
 
 def cannot_show(space: bpy.types.SpaceView3D) -> str | None:
@@ -240,7 +263,7 @@ def _draw() -> None:
     if session is None or session.shown_uid is None or context.region_data is None:
         return
     obj = next((o for o in context.view_layer.objects if o.session_uid == session.shown_uid), None)
-    if obj is None or not obj.visible_get():
+    if obj is None or not obj.visible_get(viewport=context.space_data):
         return
     try:
         _draw_volume(session, obj, context)
@@ -256,20 +279,17 @@ def _draw_volume(session: Session, obj: bpy.types.Object, context: bpy.types.Con
     if view is None:
         view = _views[session] = LiveView()
     view.update(session)
-    origin = engine.push.origin if engine is not None else (0, 0, 0)
     to_world = np.array(obj.matrix_world, np.float64) @ session.grid.transform
-    look_at = np.array(gpu.matrix.get_model_view_matrix(), np.float64) @ to_world
-    to_clip = np.array(gpu.matrix.get_projection_matrix(), np.float64) @ look_at
     _, _, width, height = gpu.state.viewport_get()
     coarse = pixel_size(context.scene.render.preview_pixel_size)
-    frame = Frame(
-        to_clip.tobytes(),
-        look_at.tobytes(),
+    frame = Frame.of(
+        np.array(gpu.matrix.get_projection_matrix(), np.float64),
+        np.array(gpu.matrix.get_model_view_matrix(), np.float64) @ to_world,
         -(-width // coarse),
         -(-height // coarse),
-        context.scene.repousse.shading == "FOG",
         level_of(obj.data) or session.auto_level,
-        Give.under(engine, origin) if engine is not None else NO_GIVE,
+        fog=context.scene.repousse.shading == "FOG",
+        gives=gives_of(engine),
     )
     view.draw(context.region.as_pointer(), frame)
     _troubles.pop(session, None)
@@ -310,3 +330,4 @@ def unregister():
     _handle = None
     _views.clear()
     _troubles.clear()
+    programs.free()

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -98,8 +100,31 @@ def frame(size: int, fog: bool) -> live_view.Frame:
     projection = np.diag([2.9 * HEIGHT / WIDTH, 2.9, 0.0, 0.0])
     projection[2] = 0.0, 0.0, -(far + near) / (far - near), -2.0 * far * near / (far - near)
     projection[3, 2] = -1.0
-    to_clip = projection @ view
-    return live_view.Frame(to_clip.tobytes(), view.tobytes(), WIDTH, HEIGHT, fog, 0.5, live_view.NO_GIVE)
+    return live_view.Frame.of(projection, view, WIDTH, HEIGHT, 0.5, fog=fog)
+
+
+@pytest.mark.parametrize("edge", [16, 32, 48, 64])
+def test_patch_and_march(benchmark, figures, density, sent, edge):
+    """What a step of a stroke costs: its box is sent, and the part of the picture is marched in which that is seen."""
+    buffers = gpu.types.GPUOffScreen(WIDTH, HEIGHT, format="RGBA16F")
+    what, size = frame(len(density), False), len(density)
+    middle = (np.full(3, size / 2.0) + 0.4 * size * np.array((1.0, -1.0, 1.0)) / np.sqrt(3.0)).astype(int)
+    box = tuple(tuple(int(m + side * edge // 2) for m in middle) for side in (-1, 1))
+    source = SimpleNamespace(grid=SimpleNamespace(density=density), take_changes=lambda: (False, [box]))
+
+    def step():
+        sent.update(source)
+        sent.draw(1, what)
+        gpu.state.active_framebuffer_get().read_color(0, 0, 1, 1, 4, 0, "FLOAT")
+
+    with buffers.bind():
+        gpu.state.active_framebuffer_get().clear(color=(0.0, 0.0, 0.0, 1.0), depth=1.0)
+        sent.draw(1, what)
+        pixels = sent.marched_pixels
+        benchmark.pedantic(step, rounds=ROUNDS)
+    share = (sent.marched_pixels - pixels) / (ROUNDS * WIDTH * HEIGHT)
+    benchmark.extra_info["share of the picture"] = share
+    reported(benchmark, figures, f"patch {edge}³ of {size}³ and march {share:.0%} of {WIDTH} x {HEIGHT}")
 
 
 @pytest.mark.parametrize("fog", [False, True], ids=["surface", "fog"])

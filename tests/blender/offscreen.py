@@ -10,7 +10,6 @@ import gpu
 import numpy as np
 from mathutils import Matrix
 
-from repousse.ui import live_view
 from repousse.ui.live_view import Frame, LiveView
 
 WIDTH, HEIGHT = 160, 120
@@ -114,11 +113,10 @@ class Stage:
         return Picture(colour, depth, camera)
 
 
-def drawing(view: LiveView, camera: Camera, to_world=None, fog=False, level=0.5, give=live_view.NO_GIVE, key=1):
+def drawing(view: LiveView, camera: Camera, to_world=None, fog=False, level=0.5, gives=(), key=1):
     """A function that draws a view's texture."""
-    look_at = camera.view @ (np.eye(4) if to_world is None else to_world)
-    to_clip = camera.projection @ look_at
-    frame = Frame(to_clip.tobytes(), look_at.tobytes(), WIDTH, HEIGHT, fog, level, give)
+    to_view = camera.view @ (np.eye(4) if to_world is None else to_world)
+    frame = Frame.of(camera.projection, to_view, WIDTH, HEIGHT, level, fog=fog, gives=gives)
     return lambda: view.draw(key, frame)
 
 
