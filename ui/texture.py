@@ -71,7 +71,7 @@ class DensityTexture:
         shader.image("kept", texture)
         shader.uniform_int("first", first[::-1])
         shader.uniform_int("size", size)
-        gpu.compute.dispatch(shader, *(-(-n // shaders.GROUP) for n in size))
+        gpu.compute.dispatch(shader, *(-(-n // edge) for n, edge in zip(size, shaders.GROUP)))
 
 
 def _texture(values: np.ndarray, texture_format: str) -> GPUTexture:
