@@ -23,6 +23,7 @@ MARK = "@window "
 PACKAGE = "repousse_window"
 BREATH = 0.005
 """Seconds between two steps where a scenario asks for less: Blender handles its events and draws in between."""
+LAST_REPORTS = 8
 
 
 def load_scenarios():
@@ -51,7 +52,7 @@ class Drive:
         self.left = list(scenarios)
         self.folder = folder
         self.suffix = suffix
-        self.steps = None
+        self.steps = self.window = None
 
     def __call__(self) -> float | None:
         if self.steps is None:
@@ -64,18 +65,19 @@ class Drive:
         except StopIteration:
             self._ended(None)
         except Exception:
-            self._ended(traceback.format_exc())
+            told = "".join(f"\n    {line}" for line in self.window.reports()[-LAST_REPORTS:])
+            self._ended(f"{traceback.format_exc()}Blender's last reports:{told}")
         return BREATH
 
     def _begin(self, scenario) -> None:
         tell("begins", name=scenario.name, limit=scenario.limit, leaves=scenario.leaves)
         faulthandler.dump_traceback_later(scenario.limit, exit=True, file=sys.__stderr__)
+        self.window = self.window_module.Window(scenario.name + self.suffix, self.folder, tell)
         self.steps = self._played(scenario)
 
     def _played(self, scenario):
-        window = self.window_module.Window(scenario.name + self.suffix, self.folder, tell)
-        yield from window.fresh_file()
-        yield from scenario.run(window)
+        yield from self.window.fresh_file()
+        yield from scenario.run(self.window)
 
     def _ended(self, error: str | None) -> None:
         faulthandler.cancel_dump_traceback_later()

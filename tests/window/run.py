@@ -169,6 +169,7 @@ class Watch:
             self._process.kill()
             code = self._process.wait()
         self._reader.join()
+        self._process.stdout.close()
         return code if code >= 0 else 128 - code
 
     def _last_words(self) -> list[str]:
