@@ -263,7 +263,7 @@ def _draw() -> None:
     if session is None or session.shown_uid is None or context.region_data is None:
         return
     obj = next((o for o in context.view_layer.objects if o.session_uid == session.shown_uid), None)
-    if obj is None or not obj.visible_get(viewport=context.space_data):
+    if obj is None or not obj.visible_get():
         return
     try:
         _draw_volume(session, obj, context)

@@ -192,7 +192,7 @@ float open(vec3 v, vec3 out_of, float full)
 vec3 shade(vec3 v, vec3 way)
 {
   const vec3 clay = vec3(0.47, 0.245, 0.16);
-  const vec3 key = normalize(vec3(-0.60, 0.68, 0.44)), fill = normalize(vec3(0.80, -0.10, 0.50));
+  const vec3 key = normalize(vec3(-0.60, 0.68, 0.44)), fill = normalize(vec3(0.75, 0.0, 0.65));
   const vec3 back = normalize(vec3(0.65, 0.30, -0.60));
   vec3 g = seen(slope(resting(v)), v);
   vec3 out_of = length(g) > 1e-5 ? -normalize(g) : -way;
@@ -204,7 +204,7 @@ vec3 shade(vec3 v, vec3 way)
   float lit = max(dot(n, key), 0.0) * (1.0 - 0.55 * met_on_the_way(v, out_of, to_key, full));
   vec3 light = mix(vec3(0.05, 0.045, 0.045), vec3(0.21, 0.22, 0.25), 0.5 + 0.5 * n.y) * sky * sky;
   light += vec3(1.42, 1.33, 1.20) * lit * mix(0.5, 1.0, sky);
-  light += vec3(0.13, 0.17, 0.24) * max(dot(n, fill), 0.0) * sky;
+  light += vec3(0.27, 0.31, 0.38) * max(dot(n, fill), 0.0) * sky;
   light += vec3(0.70, 0.74, 0.78) * max(dot(n, back), 0.0) * sky;
   float shine = 0.07 * pow(max(dot(n, normalize(key + vec3(0, 0, 1))), 0.0), 20.0) * lit;
   return clay * light * (1.0 - hollow) + shine;

@@ -272,6 +272,44 @@ def test_normals_follow_a_transform_as_slopes_do():
         assert (to_view[:3, :3] @ slope) @ seen > 0.0  # up the slope stays up
 
 
+def test_what_is_beyond_the_far_plane_is_not_seen(stage):
+    camera = Camera((20.0, 17.0, 1500.0), (20.0, 17.0, 0.0), 0.01, up=(0.0, 1.0, 0.0))
+    assert np.allclose(stage.picture(camera, drawing(showing(ball()), camera)).luminance, GROUND, atol=1e-3)
+
+
+def test_a_grid_that_is_full_to_its_border_ends_there(stage):
+    """Half way between its last voxels and those that there are not."""
+    picture = stage.picture(FROM_ABOVE, drawing(showing(np.ones((41, 41, 30))), FROM_ABOVE))
+    assert picture.points(np.eye(4))[HEIGHT // 2, WIDTH // 2, 2] == pytest.approx(29.5, abs=0.02)
+    across = picture.points(np.eye(4))[HEIGHT // 2][picture.seen[HEIGHT // 2], 0]
+    pixel = 40.0 / HEIGHT
+    assert across.min() == pytest.approx(-0.5, abs=pixel) and across.max() == pytest.approx(40.5, abs=pixel)
+
+
+@pytest.mark.parametrize("perspective", [True, False])
+def test_a_box_is_seen_in_its_rectangle(perspective):
+    """Every point of the box that is in view is, also where the box reaches behind the viewer."""
+    random = np.random.default_rng(5)
+    box, margin = ((5, 8, 2), (30, 20, 31)), 3.0
+    low, high = np.array(box[0]) - 1.0 - margin, np.array(box[1]) + margin
+    found = 0
+    for _ in range(200):
+        half = random.uniform(0.2, 1.5) if perspective else random.uniform(10.0, 60.0)
+        eye, target = random.uniform(low - 20.0, high + 20.0), random.uniform(low, high)
+        camera = Camera(tuple(eye), tuple(target), half, perspective)
+        sight = Sight.of(camera.projection, camera.view, (40, 40, 40))
+        points = random.uniform(low, high, (500, 3))
+        clip = np.column_stack([points, np.ones(len(points))]) @ sight.to_clip.T
+        clip = clip[clip[:, 3] > 0.0]
+        pixels = (clip[:, :2] / clip[:, 3:] + 1.0) * (WIDTH / 2, HEIGHT / 2)
+        pixels = pixels[((pixels >= 0.0) & (pixels <= (WIDTH, HEIGHT))).all(axis=1)]
+        found += len(pixels)
+        if len(pixels):
+            x, y, width, height = sight.rectangle(box, margin, WIDTH, HEIGHT)
+            assert np.all((pixels >= (x, y)) & (pixels <= (x + width, y + height)))
+    assert found > 20000
+
+
 def test_flat_or_broken_transforms_draw_nothing(stage):
     camera = Camera((50.0, -20.0, 30.0), (0.0, 0.0, 0.0))
     for matrix in (np.diag([1.0, 1.0, 0.0, 1.0]), np.full((4, 4), np.nan)):
@@ -511,6 +549,16 @@ def test_what_is_marched_of_a_change_makes_the_picture_of_all(stage, camera, fog
         # But for half floats, which are rounded when a box is sent and cut off when all is.
         assert np.allclose(picture.colour, afresh.colour, atol=4e-3)
         assert np.allclose(picture.depth, afresh.depth, atol=1e-5)
+
+
+def test_another_grid_of_the_same_shape_is_seen_at_once(stage):
+    camera = seen_from(np.eye(4), (40, -25, 30))
+    view = showing(ball())
+    stage.picture(camera, drawing(view, camera))
+    other = ball(radius=6.0).astype(np.float32)
+    view.update(SimpleNamespace(grid=SimpleNamespace(density=other), take_changes=lambda: (True, [])))
+    picture = stage.picture(camera, drawing(view, camera))
+    assert np.array_equal(picture.colour, stage.picture(camera, drawing(showing(other), camera)).colour)
 
 
 def test_a_small_change_costs_a_small_march(stage):
