@@ -254,31 +254,53 @@ def cannot_show(space: bpy.types.SpaceView3D) -> str | None:
 
 _views: WeakKeyDictionary[Session, LiveView] = WeakKeyDictionary()  # what is on the card goes when its session does
 _troubles: WeakKeyDictionary[Session, str] = WeakKeyDictionary()
-_handle = None
+_handles: list = []
 
 
-def _draw() -> None:
-    """In every 3D view, after the scene."""
-    session, context = live(), bpy.context
+def _shown(context: bpy.types.Context) -> tuple[Session, bpy.types.Object] | None:
+    """What is to be seen live in the 3D view that is drawn."""
+    session = live()
     if session is None or session.shown_uid is None or context.region_data is None:
-        return
+        return None
     obj = next((o for o in context.view_layer.objects if o.session_uid == session.shown_uid), None)
-    if obj is None or not obj.visible_get():
-        return
+    return (session, obj) if obj is not None and obj.visible_get() else None
+
+
+@contextmanager
+def _guarded(session: Session) -> Iterator[None]:
     try:
-        _draw_volume(session, obj, context)
+        yield
     except Exception as error:  # else there were a traceback for each frame, and a box for a volume
         _turn_off(session, error)
 
 
-def _draw_volume(session: Session, obj: bpy.types.Object, context: bpy.types.Context) -> None:
-    engine = session.engine
-    if engine is not None:
-        engine.settle(PATIENCE)
-    view = _views.get(session)
+def _send() -> None:
+    """Before the scene is drawn, or what is sent would wait until the graphics card has drawn it."""
+    shown = _shown(bpy.context)
+    if shown is None:
+        return
+    session, _ = shown
+    with _guarded(session):
+        if session.engine is not None:
+            session.engine.settle(PATIENCE)
+        view = _views.get(session)
+        if view is None:
+            view = _views[session] = LiveView()
+        view.update(session)
+
+
+def _draw() -> None:
+    """After the scene, for by then its depth is known."""
+    shown = _shown(bpy.context)
+    view = _views.get(shown[0]) if shown is not None else None
     if view is None:
-        view = _views[session] = LiveView()
-    view.update(session)
+        return
+    session, obj = shown
+    with _guarded(session):
+        _draw_volume(view, session, obj, bpy.context)
+
+
+def _draw_volume(view: LiveView, session: Session, obj: bpy.types.Object, context: bpy.types.Context) -> None:
     to_world = np.array(obj.matrix_world, np.float64) @ session.grid.transform
     _, _, width, height = gpu.state.viewport_get()
     coarse = pixel_size(context.scene.render.preview_pixel_size)
@@ -289,7 +311,7 @@ def _draw_volume(session: Session, obj: bpy.types.Object, context: bpy.types.Con
         -(-height // coarse),
         level_of(obj.data) or session.auto_level,
         fog=context.scene.repousse.shading == "FOG",
-        gives=gives_of(engine),
+        gives=gives_of(session.engine),
     )
     view.draw(context.region.as_pointer(), frame)
     _troubles.pop(session, None)
@@ -316,18 +338,17 @@ def pixel_size(choice: str) -> int:
 
 
 def register():
-    global _handle
     if not bpy.app.background:
-        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+        add = bpy.types.SpaceView3D.draw_handler_add
+        _handles[:] = [add(_send, (), "WINDOW", "PRE_VIEW"), add(_draw, (), "WINDOW", "POST_VIEW")]
 
 
 def unregister():
-    global _handle
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+    for handle in _handles:
+        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
+    _handles.clear()
     if bpy.app.timers.is_registered(give_back_displays):
         bpy.app.timers.unregister(give_back_displays)
-    _handle = None
     _views.clear()
     _troubles.clear()
     programs.free()
