@@ -50,7 +50,7 @@ figures: setup
 
 bench: setup
 	@mkdir -p out/bench
-	@$(PYTEST) tests/bench --benchmark-json "out/bench/$$(date +%Y%m%d-%H%M%S).json"
+	@BLENDER="$(BLENDER)" $(PYTEST) tests/bench --benchmark-json "out/bench/$$(date +%Y%m%d-%H%M%S).json"
 
 package: setup
 	@$(PYTHON) .ci/package.py --platforms "$(PLATFORMS)" --out dist

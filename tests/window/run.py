@@ -32,7 +32,8 @@ MARK = "@window "
 GRACE = 60.0
 """Seconds that a Blender may say nothing, beyond what a scenario may take: its start, its end, its watchdog."""
 WRONG = re.compile(
-    r"Traceback \(most recent call last\)|^Exception ignored|property not found|unknown operator|shader.*(error|fail)",
+    r"Traceback \(most recent call last\)|^Exception ignored|property not found|unknown operator|shader.*(error|fail)"
+    r"|live view is off",
     re.IGNORECASE,
 )
 """What nothing may leave on the console: no panel, handler, thread or shader."""
