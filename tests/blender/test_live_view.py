@@ -657,7 +657,7 @@ def clay():
 LOOK = Camera((4.0, -5.0, 4.0), (0.0, 0.0, 0.0))
 
 
-def drawn():
+def whole_frame():
     """What Blender calls for a 3D view: before its scene, and after."""
     live_view._send()
     live_view._draw()
@@ -673,12 +673,12 @@ def in_its_place(stage, live):
 def test_the_volume_is_drawn_where_its_object_is(stage, clay):
     bpy.context.scene.render.preview_pixel_size = "1"
     live = session.live()
-    first = stage.picture(LOOK, drawn)
+    first = stage.picture(LOOK, whole_frame)
     assert first.seen.sum() > 300
     assert np.allclose(first.luminance, in_its_place(stage, live), atol=0.01)
     clay.location, clay.rotation_euler, clay.scale = (0.5, 0.2, -0.3), (0.4, 0.5, 0.6), (1.2, 1.2, 1.2)
     bpy.context.view_layer.update()
-    moved = stage.picture(LOOK, drawn)
+    moved = stage.picture(LOOK, whole_frame)
     assert not np.allclose(moved.luminance, first.luminance, atol=0.1)
     assert np.allclose(moved.luminance, in_its_place(stage, live), atol=0.01)
 
@@ -686,26 +686,26 @@ def test_the_volume_is_drawn_where_its_object_is(stage, clay):
 def test_a_grid_that_grew_is_drawn_where_it_now_is(stage, clay):
     bpy.context.scene.render.preview_pixel_size = "1"
     live = session.live()
-    stage.picture(LOOK, drawn)
+    stage.picture(LOOK, whole_frame)
     shape = live.grid.shape
     push = Push(live.grid, SphereTool(4.0), Material())
     push.move_to((12.0, 12.0, 3.0))
     push.move_to((12.0, 12.0, 1.0), continuous=True)
     assert live.grid.shape != shape
-    grown = stage.picture(LOOK, drawn)
+    grown = stage.picture(LOOK, whole_frame)
     assert np.allclose(grown.luminance, in_its_place(stage, live), atol=0.01)
 
 
 def test_another_volume_takes_the_place_of_the_former(stage, clay):
     bpy.context.scene.render.preview_pixel_size = "1"
-    stage.picture(LOOK, drawn)
+    stage.picture(LOOK, whole_frame)
     former = weakref.ref(live_view._views[session.live()].texture)
     other = new_clay(name="Other")
     other.location = (-1.0, 0.0, 0.0)
     bpy.context.view_layer.update()
     session.open_session(other).take_display(other)
     assert former() is None  # what it had on the card went with its session
-    picture = stage.picture(LOOK, drawn)
+    picture = stage.picture(LOOK, whole_frame)
     bpy.data.objects["Clay"].location = other.location
     bpy.context.view_layer.update()
     assert np.allclose(picture.luminance, in_its_place(stage, session.live()), atol=0.01)
@@ -713,7 +713,7 @@ def test_another_volume_takes_the_place_of_the_former(stage, clay):
 
 def test_what_is_hidden_or_in_another_scene_is_not_drawn(stage, clay, capsys):
     def drawn():
-        return bool(stage.picture(LOOK, drawn).seen.any())
+        return bool(stage.picture(LOOK, whole_frame).seen.any())
 
     assert drawn()
     clay.hide_set(True)
@@ -741,7 +741,7 @@ def test_what_goes_wrong_is_said_once_and_blender_draws_the_volume_again(stage, 
     assert clay.display_type == "BOUNDS"
     monkeypatch.setattr(LiveView, "draw", fails)
     for _ in range(3):
-        assert not stage.picture(LOOK, drawn).seen.any()
+        assert not stage.picture(LOOK, whole_frame).seen.any()
     assert capsys.readouterr().err == "Repoussé: The live view is off: the card is on fire\n"
     assert live_view.cannot_show(bpy.context.space_data) == "The live view is off: the card is on fire"
     assert bpy.app.timers.is_registered(session.give_back_displays)
@@ -750,7 +750,7 @@ def test_what_goes_wrong_is_said_once_and_blender_draws_the_volume_again(stage, 
     monkeypatch.undo()
     session.close_session()
     session.open_session(clay).take_display(clay)  # as by choosing the tool again
-    assert stage.picture(LOOK, drawn).seen.any()
+    assert stage.picture(LOOK, whole_frame).seen.any()
     assert live_view.cannot_show(bpy.context.space_data) is None
 
 
