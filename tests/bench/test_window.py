@@ -14,6 +14,7 @@ from tests.window.run import Session, play_all
 
 MILLISECONDS = {
     "stroke start": 100.0,
+    "press to stroke": None,
     "event to texture": 40.0,
     "event to drawing": None,
     "patch": None,

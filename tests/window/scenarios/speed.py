@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import bpy
 import numpy as np
 from bl_ext.user_default.repousse.core.engine import Engine
+from bl_ext.user_default.repousse.operators.sculpt import REPOUSSE_OT_sculpt
 from bl_ext.user_default.repousse.operators.session import Session
 from bl_ext.user_default.repousse.ui.texture import DensityTexture
 
@@ -71,10 +72,14 @@ def speed(window: Window, size: int) -> Steps:
     window.figures(**{"frame, no stroke": (yield from frames(window))})
 
     starts, ends = [], []
-    with ends_of(Session, "commit") as commits, ends_of(Engine, "start") as engines:
+    with (
+        ends_of(Session, "commit") as commits,
+        ends_of(Engine, "start") as engines,
+        ends_of(REPOUSSE_OT_sculpt, "_begin") as begins,
+    ):
         for number in range(STROKES):
             yield from window.move(window.pixel((-0.4, 0.1 * number - 0.3, 0.0)))
-            yield from window.drawn()
+            yield from window.idle()
             pressed = time.perf_counter()
             yield from window.press()
             yield from window.until(running, "a stroke")
@@ -86,7 +91,8 @@ def speed(window: Window, size: int) -> Steps:
             ends.append(commits[-1][0] - released)
     window.figures(
         **{
-            "stroke start": 1e3 * np.median(starts),
+            "press to stroke": 1e3 * np.median(starts),
+            "stroke start": 1e3 * np.median([taken for _, taken in begins]),
             "commit": 1e3 * np.median([taken for _, taken in commits]),
             "stroke end": 1e3 * np.median(ends),
         }
