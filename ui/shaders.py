@@ -71,7 +71,7 @@ float stored(vec3 v)
 {
   vec3 place = clamp(v, vec3(0.0), march.shape.xyz - 1.0);
   float d = textureLod(density, ((place + 0.5) / march.shape.xyz).zyx, 0.0).r;
-  return place == v ? d : d * fading(v - place);
+  return all(equal(place, v)) ? d : d * fading(v - place);
 }
 
 #ifdef GIVES
@@ -267,7 +267,7 @@ void main()
   depth = 1.0;
   vec3 start = march.start.xyz + march.start_x.xyz * ndc.x + march.start_y.xyz * ndc.y;
   vec3 way = normalize(march.way.xyz + march.way_x.xyz * ndc.x + march.way_y.xyz * ndc.y);
-  way = mix(way, vec3(1e-9), lessThan(abs(way), vec3(1e-9)));
+  way += 1e-9 * vec3(lessThan(abs(way), vec3(1e-9)));
   vec3 per_way = 1.0 / way;
   // The part of the line that is in the grid, with the voxel around it in which density fades.
   vec3 a = (vec3(-1.0) - start) * per_way, b = (march.shape.xyz - start) * per_way;
