@@ -16,7 +16,6 @@ MILLISECONDS = {
     "stroke start": 100.0,
     "press to stroke": None,
     "event to texture": 40.0,
-    "event to drawing": None,
     "patch": None,
     "frame, no stroke": None,
     "frame, in a stroke": None,

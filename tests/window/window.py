@@ -25,6 +25,8 @@ THREE_QUARTERS = Quaternion((0.820473, 0.424708, 0.176320, 0.339851))
 """Down onto a corner, as one looks at a block on a table."""
 
 MOVES_A_FRAME = 4
+QUIET = 0.4
+"""Seconds without a frame after which Blender is taken to have nothing to draw."""
 
 
 class Window:
@@ -109,6 +111,14 @@ class Window:
         yield from self.until(
             lambda: all(_drawings[pointer] > count for pointer, count in former.items()), "a view to be drawn", 30.0
         )
+
+    def idle(self) -> Steps:
+        """Wait until Blender has nothing more to draw."""
+        former, since = -1, time.monotonic()
+        while time.monotonic() - since < QUIET:
+            if _drawings.total() != former:
+                former, since = _drawings.total(), time.monotonic()
+            yield 0.01
 
     def event(self, kind: str, value: str) -> None:
         """Send one event at the pointer's place, with the modifiers that are held."""

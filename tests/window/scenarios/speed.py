@@ -99,24 +99,17 @@ def speed(window: Window, size: int) -> Steps:
     )
 
     yield from begin(window, circle(0))
-    lags, waits = [], []
-    views: list[float] = []
-    handler = bpy.types.SpaceView3D.draw_handler_add(
-        lambda: views.append(time.perf_counter()), (), "WINDOW", "PRE_VIEW"
-    )
+    lags = []
     with ends_of(DensityTexture, "patch") as patches:
         for number in range(TRIALS):
-            done, drawn = len(patches), len(views)
+            done = len(patches)
             sent = time.perf_counter()
             yield from window.move(window.pixel(circle(number + 1)))
             yield from window.until(lambda count=done: len(patches) > count, "the texture to change")
             lags.append(patches[done][0] - sent)
-            waits.append(views[drawn] - sent)
-    bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
     window.figures(
         **{
             "event to texture": 1e3 * np.median(lags),
-            "event to drawing": 1e3 * np.median(waits),
             "patch": 1e3 * np.median([taken for _, taken in patches]),
             "frame, in a stroke": (yield from frames(window)),
         }
