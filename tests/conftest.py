@@ -59,6 +59,26 @@ def link_addon(resources):
     (folder / "blender_manifest.toml").write_text(manifest, encoding="utf-8")
 
 
+_status = 0
+
+
+def pytest_sessionfinish(exitstatus):
+    global _status
+    _status = int(exitstatus)
+
+
+def _leave():
+    """The bpy 4.5 module may never end: it destroys what a thread of its own still waits on. So Python is the last to
+    be ended in order, and Blender is not."""
+    bpy = sys.modules.get("bpy")
+    if bpy is not None and bpy.app.module and bpy.app.version < (5, 0, 0):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(_status)
+
+
+atexit.register(_leave)  # before all others, so that it is called after them
+
 # Before anything imports bpy: it reads its user folder once. Inside a real Blender bpy is there from the start.
 if "bpy" not in sys.modules and importlib.util.find_spec("bpy"):
     resources = Path(tempfile.mkdtemp(prefix="repousse-tests-"))
