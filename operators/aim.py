@@ -60,12 +60,6 @@ class Aim:
         way = far - near
         return vector(near), vector(way / np.linalg.norm(way))
 
-    def pixel(self, position: Vector) -> tuple[float, float]:
-        """The pixel, not rounded, in which a voxel is seen."""
-        clip = self.to_clip @ (*position, 1.0)
-        x, y = clip[:2] / clip[3]
-        return float((x + 1.0) * self.width / 2.0), float((y + 1.0) * self.height / 2.0)
-
     def length(self, position: Vector, pixels: float) -> float:
         """How many voxels long ``pixels`` are, seen at ``position`` (voxels)."""
         clip = self.to_clip @ (*position, 1.0)
