@@ -3,6 +3,7 @@
 
 from .engine import Engine
 from .grid import DensityGrid
+from .hand import Hand
 from .history import History
 from .local_model import LocalModel
 from .material import PRESETS, Material
@@ -19,6 +20,7 @@ __all__ = [
     "Contact",
     "DensityGrid",
     "Engine",
+    "Hand",
     "History",
     "LocalModel",
     "Material",

@@ -5,6 +5,9 @@ Three threads meet here. The caller's (Blender's main one) feeds poses and takes
 deformation thread walks a push through the poses in their order. The collision thread asks a thousand times a second
 how hard the material is at the newest pose, and publishes the answer as a :class:`LocalModel`.
 
+With a :class:`Hand` the poses are its own: the collision thread asks it for the newest and tells it what is felt there,
+and the deformation follows it, half a voxel at a time, wherever it has got to by then.
+
 The last two work on the same voxels without a lock: the push's epoch tells when mass was in flight, and what was
 estimated meanwhile is thrown away. The collision then asks for a turn, and the deformation gives it between two solves:
 so it gets its answer also when solves follow each other without a gap.
@@ -12,32 +15,31 @@ so it gets its answer also when solves follow each other without a gap.
 
 from __future__ import annotations
 
-import sys
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
-from math import ceil, dist, hypot, isfinite
-from threading import Condition, Event, Lock, Thread
+from math import ceil, dist, hypot
+from threading import Event, Lock, Thread
 from time import perf_counter
 
+from . import switching
 from .grid import Box, union
+from .hand import Hand
 from .history import History
 from .local_model import Feeler, LocalModel
 from .plasticity import Regime
+from .poses import Pose, Poses, way
 from .push import LONGEST_STEP, Contact, Push
 from .stroke import Sample
 from .symmetry import SymmetricPush
-from .tool import Tool, vector
+from .tool import vector
+from .turn import Turn
 
 PERIOD = 1e-3
 """Seconds from one local model to the next."""
 LONGEST_TURN = 1e-3
 """Seconds that the deformation waits, at most, for a collision that it has let in."""
-SWITCH_INTERVAL = 5e-4
-"""Seconds after which Python's threads take turns while an engine runs: with Python's own 5 ms a main thread that is
-busy leaves 100 estimates a second of 10,000 (DESIGN 4)."""
 TINY = 1e-12
 """Newtons that are no force."""
 
@@ -47,7 +49,8 @@ class Health:
     """How an engine fares.
 
     ``estimates`` that were made; ``discarded``, how often mass in flight left the collision without an answer; ``rate``
-    of local models in Hz, over the last second; ``solves``, and the ``longest_solve`` in seconds.
+    of local models in Hz, over the last second; ``solves``, and the ``longest_solve`` in seconds; ``refused``, how many
+    poses of a hand were no poses.
     """
 
     estimates: int
@@ -55,6 +58,7 @@ class Health:
     rate: float
     solves: int
     longest_solve: float
+    refused: int
 
 
 class Engine:
@@ -66,6 +70,10 @@ class Engine:
         Lifted at the start. As long as the engine runs nobody else moves it or writes into its grid; all may read.
     history
         What :meth:`cancel` restores; by default the push remembers from now on.
+    hand
+        Whose poses these are, and who is told what is felt; without one they are fed.
+    deform
+        False: feel only. There is no deformation thread and no history, the push is not moved, no voxel changes.
 
     Attributes
     ----------
@@ -86,9 +94,17 @@ class Engine:
     The thread that made an engine starts, feeds, finishes and cancels it; any thread may read.
     """
 
-    def __init__(self, push: Push | SymmetricPush, history: History | None = None) -> None:
-        self.push = push
-        self.history = push.remember() if history is None else history
+    def __init__(
+        self,
+        push: Push | SymmetricPush,
+        history: History | None = None,
+        hand: Hand | None = None,
+        deform: bool = True,
+    ) -> None:
+        self.push, self.hand, self.deform = push, hand, deform
+        if deform and history is None:
+            history = push.remember()
+        self.history = history if deform else None
         self.contact: Contact = push.contacts[0]
         self.model: LocalModel | None = None
         self.solved: list[Sample] = []
@@ -97,31 +113,31 @@ class Engine:
         self.failure: BaseException | None = None
         self._stage = _Stage.NEW
         self._threads: list[Thread] = []
-        # What the threads hand to each other is guarded by this condition. Nothing is called while it is held.
-        self._news = Condition()
-        self._pending: deque[_Pose] = deque()
-        self._solving = False
-        self._no_more = False
         self._changes: list[Box | None] = [None for _ in push.contacts]
         self._touched: list[Box | None] = [None for _ in push.contacts]
+        self._results = Lock()  # guards what a solve has led to
+        self._poses = Poses(push.tool, coalesced=hand is not None)
         self._stop = Event()
-        self._turn = _Turn()
-        self._newest: _Pose | None = None
-        self._tool = push.tool  # that of the newest pose
+        self._turn = Turn()
         self._feeler = Feeler(push)
         self._published: deque[float] = deque(maxlen=ceil(2.0 / PERIOD))
         self._began = self._longest_solve = 0.0
-        self._discarded = 0
+        self._discarded = self._refused = 0
 
     def start(self) -> None:
-        """Start both threads."""
+        """Start the threads."""
         if self._stage is not _Stage.NEW:
             raise RuntimeError("an engine runs one stroke: make another for the next")
-        self.push.lift()
+        works = [("collision", self._collide)]
+        if self.deform:
+            works.insert(0, ("deformation", self._deform))
+            self.push.lift()
+        else:
+            self._poses.close()
         self._stage, self._began = _Stage.RUNNING, perf_counter()
         switching.hurry()
         try:
-            for name, work in (("deformation", self._deform), ("collision", self._collide)):
+            for name, work in works:
                 self._threads.append(Thread(target=self._guarded, args=(work,), name=f"repousse {name}", daemon=True))
                 self._threads[-1].start()
         except BaseException:
@@ -141,48 +157,43 @@ class Engine:
         return self._stage is _Stage.RUNNING
 
     def feed(self, sample: Sample) -> None:
-        """Hand over the next pose. Never waits; all poses are solved, in their order.
+        """Hand over the next pose. Never waits; all poses are solved, in their order. After :meth:`release`, and by an
+        engine that only feels, it is felt alone.
 
         Raises
         ------
         ValueError
-            When the position is not finite or the radius under one voxel; the stroke goes on without that pose.
+            When the position or the time is not finite or the radius under one voxel; the stroke goes on without that
+            pose.
         RuntimeError
-            When no stroke is running.
+            When no stroke is running, or a hand gives the poses.
         """
         if not self.running:
             raise RuntimeError("no stroke is running: poses are fed between start and finish")
-        if not all(isfinite(p) for p in sample.position):
-            raise ValueError(f"a position is three finite numbers of voxels, not {sample.position}")
-        if sample.radius is not None and sample.radius != self._tool.radius:
-            self._tool = self._tool.scaled(sample.radius)
-        pose = _Pose(sample, self._tool)
-        with self._news:
-            self._newest = pose
-            self._pending.append(pose)
-            self._news.notify_all()
+        if self.hand is not None:
+            raise RuntimeError("the poses of this stroke are its hand's: none are fed")
+        self._poses.put(sample)
+
+    def release(self) -> None:
+        """Let no more poses deform; never waits. What was fed, or the hand's newest pose, will be solved yet, and
+        :meth:`settle` tells when it is. What is felt is felt until the end."""
+        self._poses.close()
 
     def settle(self, timeout: float) -> bool:
         """Wait until all that was fed is solved; False when ``timeout`` seconds are too few, or a thread failed."""
-        with self._news:
-            self._news.wait_for(lambda: self._settled or self.failure is not None, timeout)
-            return self._settled and self.failure is None
-
-    @property
-    def _settled(self) -> bool:
-        return not self._pending and not self._solving
+        return self._poses.settle(timeout)
 
     def take_changes(self) -> list[Box] | None:
         """Boxes around all voxels that have changed since this was last asked: at most one for each tool, half-open, in
         the frame of the poses. None when nothing has."""
-        with self._news:
+        with self._results:
             changes, self._changes = self._changes, [None for _ in self._changes]
         return [box for box in changes if box is not None] or None
 
     @property
     def touched(self) -> list[Box]:
         """Boxes around all voxels that the stroke has changed: at most one for each tool, in the frame of the poses."""
-        with self._news:
+        with self._results:
             return [box for box in self._touched if box is not None]
 
     @property
@@ -191,10 +202,11 @@ class Engine:
         now = perf_counter()
         recent = sum(time > now - 1.0 for time in tuple(self._published))
         rate = recent / min(1.0, max(PERIOD, now - self._began))
-        return Health(self._feeler.estimates, self._discarded, rate, len(self.solved), self._longest_solve)
+        solves, longest_solve = len(self.solved), self._longest_solve
+        return Health(self._feeler.estimates, self._discarded, rate, solves, longest_solve, self._refused)
 
     def finish(self) -> list[Sample]:
-        """Solve what is pending, end both threads, and return the samples as they were solved.
+        """Release, solve what is pending, end the threads, and return the samples as they were solved.
 
         Raises what a thread raised; the grid is then as that left it, until it is cancelled. A cancelled stroke has no
         samples.
@@ -207,28 +219,26 @@ class Engine:
         return self.solved
 
     def cancel(self) -> None:
-        """Drop what is pending, end both threads, and make the grid what it was when the history began, bit for bit.
+        """Drop what is pending, end the threads, and make the grid what it was when the history began, bit for bit.
 
         What that changes back is among the changes. A stroke that is finished stays as it is.
         """
         if self._stage is _Stage.OVER:
             return
-        with self._news:
-            self._stop.set()
-            self._pending.clear()
+        self._stop.set()
+        self._poses.drop()
         self._end_threads()
-        changed_back = self.history.touched
-        self.push.restore(self.history)
         self._stage = _Stage.OVER
         self.solved, self.trace, self.mass_out = [], [], 0.0
         self._touched = [None for _ in self._touched]
         self._changes = [None for _ in self._changes]
-        self._changes[0] = _shifted(changed_back, self.push.origin)
+        if self.history is not None:
+            changed_back = self.history.touched
+            self.push.restore(self.history)
+            self._changes[0] = _shifted(changed_back, self.push.origin)
 
     def _end_threads(self) -> None:
-        with self._news:
-            self._no_more = True
-            self._news.notify_all()
+        self._poses.close()
         for thread in self._threads:  # the deformation first: it is felt to its end
             if thread.ident is not None:
                 thread.join()
@@ -236,7 +246,6 @@ class Engine:
         if self._threads:
             self._threads.clear()
             switching.relax()
-        self._solving = False
         self.model = None
 
     def _guarded(self, work: Callable[[], None]) -> None:
@@ -244,38 +253,29 @@ class Engine:
         try:
             work()
         except BaseException as error:
-            with self._news:
+            with self._results:
                 self.failure = self.failure or error
-                self._stop.set()
-                self._news.notify_all()
+            self._stop.set()
+            self._poses.drop()
 
     def _deform(self) -> None:
         """The deformation thread."""
-        former: _Pose | None = None
-        while (pose := self._next_pose()) is not None:
+        while (pose := self._poses.take()) is not None:
             with self._turn.at_work():
-                for sample in _way(former, pose):
+                for sample in way(self.solved[-1] if self.solved else None, pose):
                     if self._stop.is_set():
                         return
                     self._solve(sample)
                     self._turn.give(LONGEST_TURN)
-            former = pose
-
-    def _next_pose(self) -> _Pose | None:
-        """Wait for a pose; None when there will be no more."""
-        with self._news:
-            self._solving = False
-            self._news.notify_all()
-            self._news.wait_for(lambda: self._pending or self._no_more)
-            self._solving = bool(self._pending)
-            return self._pending.popleft() if self._pending else None
+                    if self.hand is not None and self._poses.any_wait:
+                        break  # by now the hand is elsewhere: straight there
 
     def _solve(self, sample: Sample) -> None:
         began = perf_counter()
         contact = self.push.walk(sample)
         self._longest_solve = max(self._longest_solve, perf_counter() - began)
         depth, dirty = self._depth(sample, contact), [met.dirty for met in self.push.contacts]
-        with self._news:
+        with self._results:
             self.contact = contact
             self.mass_out += contact.mass_out
             self.solved.append(sample)
@@ -299,51 +299,46 @@ class Engine:
         due = perf_counter()
         while not self._stop.wait(max(0.0, due - perf_counter())):
             due = max(due + PERIOD, perf_counter())
-            pose = self._newest
-            if pose is None or self._publish(pose):
-                continue
-            with self._turn.taken():
-                self._publish(pose)
+            if self.hand is None:
+                if self._poses.newest is not None:
+                    self._feel(self._poses.newest)
+            elif (pose := self._pose_of(self.hand)) is not None and (model := self._feel(pose)) is not None:
+                self.hand.feel(model)
 
-    def _publish(self, pose: _Pose) -> bool:
-        """Publish the local model of a pose; not when mass was in flight."""
+    def _pose_of(self, hand: Hand) -> Pose | None:
+        """The hand's newest pose, on its way to the deformation; None without one that is fit to be felt."""
+        sample = hand.sample()
+        if sample is None:
+            return None
+        try:
+            self._poses.put(sample)
+        except ValueError:
+            # One wrong reading does not cost the artist a stroke. But nothing is felt at a pose that is not known: if
+            # more of them follow, the model ages and the force fades.
+            self._refused += 1
+            return None
+        return self._poses.newest
+
+    def _feel(self, pose: Pose) -> LocalModel | None:
+        """Publish the local model of a pose, in a turn of its own if need be; None when even that was too short."""
+        if (model := self._publish(pose)) is None:
+            with self._turn.taken():
+                model = self._publish(pose)
+        return model
+
+    def _publish(self, pose: Pose) -> LocalModel | None:
+        """Publish the local model of a pose, and return it; not when mass was in flight."""
         model = self._feeler.feel(pose.sample.position, pose.tool)
         if model is None:
             self._discarded += 1
-            return False
+            return None
         self.model = model
         self._published.append(model.time)
-        return True
+        return model
 
 
 class _Stage(Enum):
     NEW, RUNNING, OVER = range(3)
-
-
-@dataclass(frozen=True)
-class _Pose:
-    """A sample, and the tool as it is there."""
-
-    sample: Sample
-    tool: Tool
-
-
-def _way(former: _Pose | None, pose: _Pose) -> list[Sample]:
-    """The samples to solve on the way to a pose, at most half a voxel apart; a jump that lifts the tool is one."""
-    end = pose.sample
-    if former is None:
-        return [end]
-    start = former.sample
-    length = dist(start.position, end.position)
-    if length > 2.0 * pose.tool.radius:
-        return [end]
-    steps = max(1, ceil(length / LONGEST_STEP - 1e-9))  # half a voxel is one step, however it rounds
-    return [_between(start, end, step / steps) for step in range(1, steps)] + [end]
-
-
-def _between(start: Sample, end: Sample, part: float) -> Sample:
-    position = vector(a + (b - a) * part for a, b in zip(start.position, end.position, strict=True))
-    return replace(end, time=start.time + (end.time - start.time) * part, position=position)
 
 
 def _shifted(box: Box | None, origin: tuple[int, int, int]) -> Box | None:
@@ -351,73 +346,3 @@ def _shifted(box: Box | None, origin: tuple[int, int, int]) -> Box | None:
         return None
     (x, y, z), ((i0, j0, k0), (i1, j1, k1)) = origin, box
     return (i0 + x, j0 + y, k0 + z), (i1 + x, j1 + y, k1 + z)
-
-
-class _Turn:
-    """A turn that one thread asks for, and another gives: between two of its steps, or at once while it rests."""
-
-    def __init__(self) -> None:
-        self._told = Condition()
-        self._asked = self._given = False
-        self._resting = True
-
-    @contextmanager
-    def at_work(self) -> Iterator[None]:
-        """What the giver does its steps in; outside of this it rests."""
-        self._resting = False
-        try:
-            yield
-        finally:
-            with self._told:
-                self._resting = True
-                self._told.notify_all()
-
-    @contextmanager
-    def taken(self) -> Iterator[None]:
-        """Ask, wait until the other lets in, and make it wait until this is left."""
-        with self._told:
-            self._asked, self._given = True, False
-            self._told.wait_for(lambda: self._given or self._resting)
-        try:
-            yield
-        finally:
-            with self._told:
-                self._asked = self._given = False
-                self._told.notify_all()
-
-    def give(self, patience: float) -> None:
-        """Let in who asks, and wait at most ``patience`` seconds until that is over; go on at once when nobody does."""
-        if not self._asked:  # without the lock: who asks just now is let in after the next step
-            return
-        with self._told:
-            self._given = True
-            self._told.notify_all()
-            self._told.wait_for(lambda: not self._asked, patience)
-            self._asked = False  # who takes longer takes a chance: the next step does not wait as well
-
-
-class _Switching:
-    """Python's interval of switching threads, short as long as any engine runs."""
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._engines = 0
-        self._former = 0.0
-
-    def hurry(self) -> None:
-        """One engine more."""
-        with self._lock:
-            if self._engines == 0:
-                self._former = sys.getswitchinterval()
-                sys.setswitchinterval(min(SWITCH_INTERVAL, self._former))
-            self._engines += 1
-
-    def relax(self) -> None:
-        """One engine less; after the last one it is as it was before the first."""
-        with self._lock:
-            self._engines -= 1
-            if self._engines == 0:
-                sys.setswitchinterval(self._former)
-
-
-switching = _Switching()

@@ -34,6 +34,7 @@ from repousse.core import (
     engine,
     local_model,
     rim,
+    switching,
 )
 from repousse.core import push as push_module
 from repousse.core.local_model import Feeler
@@ -642,7 +643,7 @@ def names():
 def test_two_engines_at_once():
     """Each has its threads; Python's switching is hurried until the last of them ends, whichever that is."""
     interval = sys.getswitchinterval()
-    assert interval > engine.SWITCH_INTERVAL
+    assert interval > switching.SWITCH_INTERVAL
     for order in ((0, 1), (1, 0)):
         running = [Engine(pushing()) for _ in range(2)]
         for one in running:
@@ -650,7 +651,7 @@ def test_two_engines_at_once():
             feed(one, INTO)
         assert names() == ["repousse collision"] * 2 + ["repousse deformation"] * 2
         running[order[0]].finish()
-        assert sys.getswitchinterval() == pytest.approx(engine.SWITCH_INTERVAL)
+        assert sys.getswitchinterval() == pytest.approx(switching.SWITCH_INTERVAL)
         assert names() == ["repousse collision", "repousse deformation"]
         running[order[1]].cancel()
         assert sys.getswitchinterval() == interval and names() == []
