@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What stands between a model of clay and a person's hand: a state machine, and every limit on the way to the motors.
+
+Pure functions of a :class:`Status` and of time. Each period the loop calls, in this order, :func:`sensed` (may the arm
+be trusted), :func:`rendered` (which of the force that was felt is given) and :func:`limited_currents` (what the motors
+can bear); :func:`opened`, :func:`homed`, :func:`armed`, :func:`disarmed` and :func:`failed` are events between them.
+
+- Nothing but RUN gives force. Only :func:`rendered` leads there, only from ARMED, and only while the force is small.
+- Nothing but :func:`armed` leads from HOMED to ARMED, nothing but :func:`homed` out of OPEN and SAFE. From RUN back to
+  ARMED, to the small-force gate and the ramp, lead a change of scene, a stale model and a stalled loop.
+- What makes a force smaller happens at once, what makes it greater takes its time: its ramp and its slew.
+"""
+
+from __future__ import annotations
+
+from math import hypot, isfinite
+from typing import NamedTuple
+
+from . import heat
+from .fault import NOTICES, Fault, State, fault_text, state_text
+from .limits import Limits, Triple, elbow, limits_of
+
+__all__ = [
+    "Fault",
+    "Limits",
+    "State",
+    "Status",
+    "armed",
+    "closed",
+    "disarmed",
+    "failed",
+    "fault_text",
+    "homed",
+    "limited_currents",
+    "limits_of",
+    "opened",
+    "rendered",
+    "sensed",
+    "state_text",
+    "warmth",
+]
+
+SMALL_FORCE = 0.2
+"""Newtons below which a force may engage: so CHAI3D's cGenericTool waits for one before it gives any."""
+RAMP_TIME = 1.5
+"""Seconds in which an engagement gets to its full force."""
+FADE_FROM, FADE_TO = 0.05, 0.1
+"""Seconds of a model's age at which the force begins to fade, and is gone."""
+STALE_SENSOR = 0.02
+"""Seconds without a report after which nobody knows where the arm is."""
+ANSWER_TIME = 1.0
+"""Seconds in which an arm that was just opened has to send its first report."""
+LONGEST_STALL = STALE_SENSOR
+"""Seconds for which the loop may have stood still and go on giving force: meanwhile it saw no report either."""
+LONGEST_GAP = 0.25
+"""Seconds of standstill after which a 16-bit encoder counter may have wrapped unseen."""
+EARLY = 0.005
+"""Seconds by which what is read during a period may be newer than its beginning."""
+HOMING_SPEED = 0.1
+"""Metres per second at which an arm is not held still any more."""
+FADED_SPEED = 2.0
+"""Times the velocity limit at which the force, which fades from the limit on, is gone; faster is a fault."""
+JITTER = 0.002
+"""Seconds by which the reports of two poses may have been under way differently long."""
+MOST_COUNTS = float(1 << 31)
+"""Counts that no arm gets to."""
+
+ZERO: Triple = (0.0, 0.0, 0.0)
+
+
+class Status(NamedTuple):
+    """What is known of the arm from one period to the next.
+
+    ``fault`` is the reason of the last fault, or why an order was refused or the force waits; NONE once the user got on.
+    ``since`` when the state was entered and ``time`` of the last :func:`sensed`, seconds; ``report_time``, ``counts``
+    and ``speed`` (m/s) of the newest report. ``ramp`` 0 to 1; ``waiting``: armed, there is something to be felt, but the
+    force is not small; ``force`` (3,) N as rendered last, ``scene`` and ``force_scale`` it was rendered for;
+    ``currents`` (3,) A that the motors have, and their ``heat`` (3,) A^2.
+    """
+
+    state: State = State.CLOSED
+    fault: Fault = Fault.NONE
+    since: float = 0.0
+    time: float = 0.0
+    report_time: float = 0.0
+    counts: Triple = ZERO
+    speed: float = 0.0
+    ramp: float = 0.0
+    waiting: bool = False
+    force: Triple = ZERO
+    scene: int = 0
+    force_scale: float = 0.0
+    currents: Triple = ZERO
+    heat: Triple = ZERO
+
+
+def _moved(status: Status, state: State, fault: Fault, now: float) -> Status:
+    """Into another state, which begins without force."""
+    return status._replace(
+        state=state, fault=fault, since=now, ramp=0.0, waiting=False, force=ZERO, scene=0, currents=ZERO
+    )
+
+
+def opened(now: float, former: Status | None = None) -> Status:
+    """The arm was opened: it may be read, and nothing is written to it. Of what was before, its motors' heat stays."""
+    return Status(State.OPEN, since=now, time=now, report_time=now, heat=former.heat if former else ZERO)
+
+
+def closed(status: Status, now: float) -> Status:
+    """The arm was let go; why it was is kept."""
+    return _moved(status, State.CLOSED, status.fault, now)
+
+
+def homed(status: Status, limits: Limits, counts: Triple, angles: Triple, now: float) -> Status:
+    """The user says that the arm is in its home pose; ``counts`` and ``angles`` (rad) are as they read from now on.
+
+    Whatever was, the arm gives no force and has to be armed afterwards. Refused, with the reason as ``fault``, when it
+    does not report, moves, or cannot be there: then it is not homed, whatever it was before.
+    """
+    if status.state is State.CLOSED:
+        return status
+    refused = _no_home(status, limits, counts, angles, now)
+    if refused:
+        return _moved(status, State.SAFE if status.state is State.SAFE else State.OPEN, refused, now)
+    return _moved(status, State.HOMED, Fault.NONE, now)._replace(counts=counts, time=now)
+
+
+def _no_home(status: Status, limits: Limits, counts: Triple, angles: Triple, now: float) -> Fault:
+    """Why this cannot be a home pose."""
+    if not -EARLY <= now - status.report_time <= STALE_SENSOR:
+        return Fault.HOME_SILENT
+    if not status.speed <= HOMING_SPEED:
+        return Fault.HOME_MOVING
+    plausible = all(abs(count) < MOST_COUNTS for count in counts)
+    return Fault.NONE if plausible and _within_reach(limits, angles) else Fault.HOME_IMPLAUSIBLE
+
+
+def _within_reach(limits: Limits, angles: Triple) -> bool:
+    """Whether every joint is where it can be, and the elbow between two of them."""
+    a, b, c = angles
+    (a0, a1), (b0, b1), (c0, c1) = limits.joint_limits
+    d0, d1 = limits.elbow_limits
+    return a0 <= a <= a1 and b0 <= b <= b1 and c0 <= c <= c1 and d0 <= elbow(angles) <= d1
+
+
+def armed(status: Status, now: float) -> Status:
+    """The user wants force. Refused where the arm is not homed; after a fault its reason stays."""
+    if status.state is State.HOMED:
+        return _moved(status, State.ARMED, Fault.NONE, now)
+    if status.state is State.OPEN:
+        return status._replace(fault=Fault.NOT_HOMED)
+    return status
+
+
+def disarmed(status: Status, now: float) -> Status:
+    """The user wants no force any more."""
+    if status.state in (State.ARMED, State.RUN):
+        return _moved(status, State.HOMED, Fault.NONE, now)
+    return status
+
+
+def failed(status: Status, fault: Fault, now: float) -> Status:
+    """Something is wrong: no force from now on, whatever the state.
+
+    Of several faults the first stays, for the others follow from it; but that the arm is unplugged says more than they.
+    """
+    if status.state is State.SAFE and status.fault not in NOTICES and fault is not Fault.UNPLUGGED:
+        return status
+    return _moved(status, State.CLOSED if status.state is State.CLOSED else State.SAFE, fault, now)
+
+
+def sensed(
+    status: Status,
+    limits: Limits,
+    now: float,
+    report_time: float,
+    counts: Triple,
+    angles: Triple,
+    velocity: Triple,
+) -> Status:
+    """What the newest report says, be it new or not; called once a period.
+
+    ``report_time`` is when it came; ``counts`` of its encoders, unwrapped; ``angles`` (rad) and ``velocity`` (m/s) are
+    what follows from it. A homed arm that cannot be trusted any more is failed.
+    """
+    state = status.state
+    if state is State.CLOSED:
+        return status
+    x, y, z = velocity
+    speed = hypot(x, y, z)
+    if not (isfinite(now) and isfinite(report_time) and isfinite(speed) and isfinite(sum(angles) + sum(counts))):
+        return failed(status, Fault.NOT_FINITE, status.time)
+    seen = status._replace(time=now, report_time=report_time, counts=counts, speed=speed)
+    if state is State.SAFE:
+        return seen
+    age = now - report_time
+    if state is State.OPEN:
+        return failed(seen, Fault.SILENT, now) if age > ANSWER_TIME else seen
+    gap = now - status.time
+    if gap < 0.0 or age < -EARLY or report_time < status.report_time:
+        return failed(seen, Fault.CLOCK, now)
+    if age > STALE_SENSOR:
+        return failed(seen, Fault.SILENT, now)
+    if gap > LONGEST_GAP:
+        return failed(seen, Fault.OVERRUN, now)
+    if _jumped(status, limits, report_time, counts):
+        return failed(seen, Fault.ENCODER_JUMP, now)
+    if not _within_reach(limits, angles):
+        return failed(seen, Fault.JOINT_LIMIT, now)
+    if state is State.RUN:
+        if speed > FADED_SPEED * limits.max_velocity:
+            return failed(seen, Fault.VELOCITY, now)
+        if gap > LONGEST_STALL:
+            return _moved(seen, State.ARMED, Fault.STALL, now)
+    return seen
+
+
+def _jumped(status: Status, limits: Limits, report_time: float, counts: Triple) -> bool:
+    """Whether an encoder has turned farther since the last report than a hand can turn it."""
+    time = min(report_time - status.report_time, STALE_SENSOR) + JITTER
+    a, b, c = counts
+    i, j, k = status.counts
+    u, v, w = limits.max_count_rate
+    return abs(a - i) > u * time or abs(b - j) > v * time or abs(c - k) > w * time
+
+
+def rendered(
+    status: Status, limits: Limits, now: float, dt: float, model_time: float, scene: int, force: Triple
+) -> Status:
+    """How much of a felt ``force`` (N) is given: ``.force`` of the result.
+
+    ``dt`` is the time since the last call, of which no more than a period counts, so that a loop that stood still goes
+    on where it was. ``model_time`` is the age of what is felt, ``scene`` what it is: 0 for nothing.
+    """
+    state = status.state
+    if state is not State.RUN and state is not State.ARMED:
+        return status
+    magnitude = hypot(*force)
+    if not isfinite(magnitude):
+        return failed(status, Fault.MODEL_NOT_FINITE, now)
+    age = now - model_time
+    if state is State.ARMED:
+        there = scene != 0 and -EARLY <= age <= FADE_FROM
+        if there and magnitude < SMALL_FORCE:
+            return _moved(status, State.RUN, Fault.NONE, now)._replace(scene=scene, force_scale=limits.force_scale)
+        return status._replace(waiting=there)
+    if scene != status.scene:
+        return _moved(status, State.ARMED, Fault.NONE, now)
+    if not -EARLY <= age < FADE_TO:
+        return _moved(status, State.ARMED, Fault.MODEL_STALE, now)
+    step = min(dt, limits.period) if dt > 0.0 else 0.0
+    scale, ramp = limits.force_scale, status.ramp
+    if scale > status.force_scale:
+        ramp *= status.force_scale / scale  # the same force as before, and from there on up
+    ramp = min(ramp + step / RAMP_TIME, 1.0)
+    share = limits.max_force / magnitude if magnitude * scale > limits.max_force else scale
+    share *= ramp * _fade(age, FADE_FROM, FADE_TO)
+    share *= _fade(status.speed, limits.max_velocity, FADED_SPEED * limits.max_velocity)
+    x, y, z = force
+    target = x * share, y * share, z * share
+    return status._replace(ramp=ramp, force_scale=scale, force=_towards(status.force, target, limits.max_slew * step))
+
+
+def _fade(value: float, full: float, none: float) -> float:
+    """1 up to ``full``, 0 from ``none`` on, straight in between."""
+    if value <= full:
+        return 1.0
+    return max((none - value) / (none - full), 0.0)
+
+
+def _towards(force: Triple, target: Triple, most: float) -> Triple:
+    """The force nearest to ``target`` that is at most ``most`` newtons from what the last one can shrink to.
+
+    So a force that gets smaller does so at once (late, it would put energy into the hand), also where it turns; what is
+    added to it comes bit by bit. The result is never greater than the target, or than what it was.
+    """
+    x, y, z = force
+    u, v, w = target
+    square = x * x + y * y + z * z
+    along = x * u + y * v + z * w
+    left = 0.0 if along <= 0.0 else min(along / square, 1.0)
+    x, y, z = left * x, left * y, left * z
+    i, j, k = u - x, v - y, w - z
+    way = hypot(i, j, k)
+    if way <= most:
+        return target
+    part = most / way
+    return x + part * i, y + part * j, z + part * k
+
+
+def limited_currents(status: Status, limits: Limits, currents: Triple, dt: float) -> tuple[Status, Triple]:
+    """The ``currents`` (A) as the motors and the firmware can bear them: all scaled together, so the force keeps its
+    direction. ``dt``, the time since the last call, is that in which the motors had what was given then."""
+    warm = heat.warmed(status.heat, status.currents, dt if 0.0 < dt < 3600.0 else limits.period, limits)
+    if status.state is not State.RUN:
+        return status._replace(heat=warm, currents=ZERO), ZERO
+    share = 1.0
+    for current, hot in zip(currents, warm):
+        if not isfinite(current):
+            return failed(status, Fault.NOT_FINITE, status.time)._replace(heat=warm), ZERO
+        allowed = min(heat.allowed_current(hot, limits), limits.firmware_current)
+        if abs(current) > allowed:
+            share = min(share, allowed / abs(current))
+    a, b, c = currents
+    given = a * share, b * share, c * share
+    x, y, z = status.force
+    return status._replace(heat=warm, currents=given, force=(x * share, y * share, z * share)), given
+
+
+def warmth(status: Status, limits: Limits) -> float:
+    """0 to 1, of the warmest motor; 1 is as warm as its continuous current makes it."""
+    return heat.warmth(status.heat, limits)
