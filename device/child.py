@@ -19,7 +19,9 @@ from typing import Any
 _BOOT = """
 import importlib, importlib.util, sys
 folder, module = sys.argv[1:3]
-spec = importlib.util.spec_from_file_location("repousse_device", folder + "/__init__.py", submodule_search_locations=[folder])
+spec = importlib.util.spec_from_file_location(
+    "repousse_device", folder + "/__init__.py", submodule_search_locations=[folder]
+)
 sys.modules["repousse_device"] = package = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(package)
 sys.exit(importlib.import_module("repousse_device." + module).main())

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import subprocess
 import threading
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -190,10 +191,8 @@ class HapticLoop:
             return
         self._stopping = self._ended is None
         if process.stdin is not None:
-            try:
+            with suppress(OSError):
                 process.stdin.close()
-            except OSError:
-                pass
         assert self._watcher is not None
         self._watcher.join(PATIENCE)
         if self._watcher.is_alive():

@@ -84,8 +84,7 @@ def recognised(devices: Iterable[dict[str, Any]], profiles: Iterable[DeviceProfi
 
 def _found(device: dict[str, Any], profiles: list[DeviceProfile]) -> Found | None:
     path = os.fsdecode(device["path"])
-    length = descriptor_length(path)
-    page = device.get("usage_page") or None  # libusb tells none
+    page, length = device.get("usage_page") or 0, descriptor_length(path)
     matches = recognise(profiles, device["vendor_id"], device["product_id"], page, length)
     if not matches:
         return None
@@ -100,7 +99,7 @@ def _found(device: dict[str, Any], profiles: list[DeviceProfile]) -> Found | Non
         vendor=device["vendor_id"],
         product=device["product_id"],
         name=device.get("product_string") or matches[0][0].name,
-        usage_page=device.get("usage_page") or 0,
+        usage_page=page,
         report_length=length,
         state=state,
         message=message,
@@ -189,9 +188,7 @@ def main() -> int:
     try:
         config = read_config()
         folder = config.get("profiles")
-        profiles = dict(builtin_profiles())
-        if folder:
-            profiles |= load_profiles(Path(folder))[0]
+        profiles = builtin_profiles() | (load_profiles(folder)[0] if folder else {})
         hid = load_hidapi(*config["hidapi"])
         found = recognised(hid.enumerate(), profiles.values())
     except (ImportError, OSError, ValueError, KeyError, TypeError) as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One arm, one session: who drives it holds a lock that the system takes back when its process ends, however it ends."""
+"""One arm, one session: who drives it holds a lock, which the system takes back however its process ends."""
 
 from __future__ import annotations
 

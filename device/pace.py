@@ -19,8 +19,8 @@ _HIGH_PRIORITY_CLASS = 0x80
 class Pace:
     """Deadlines a period apart.
 
-    ``time.sleep`` waits for an absolute time by clock_nanosleep on POSIX and by a high-resolution timer on Windows (both
-    since Python 3.11), so what a period is late by does not add up.
+    ``time.sleep`` waits for an absolute time by clock_nanosleep on POSIX and by a high-resolution timer on Windows
+    (both since Python 3.11), so what a period is late by does not add up.
     """
 
     def __init__(self, period: float) -> None:

@@ -72,10 +72,10 @@ class ForceModel:
     """The material around one pose: at x the force is clamp(stress + gradient . (x - position), 0, yield_stress) along
     ``normal``.
 
-    ``time`` (perf_counter, seconds) when the voxels were so. ``position`` is in metres in the device's frame, ``stress``
-    and ``yield_stress`` in N, ``gradient`` in N/m, ``normal`` points out of the material and is at most 1 long,
-    ``damping`` along it in N s/m. ``scene`` rises when the grid, the tool, the material or the frame was changed by
-    anything but the stroke itself; 0: nothing is there to be felt.
+    ``time`` (perf_counter, seconds) when the voxels were so. ``position`` is in metres in the device's frame,
+    ``stress`` and ``yield_stress`` in N, ``gradient`` in N/m, ``normal`` points out of the material and is at most 1
+    long, ``damping`` along it in N s/m. ``scene`` rises when the grid, the tool, the material or the frame was changed
+    by anything but the stroke itself; 0: nothing is there to be felt.
     """
 
     time: float = 0.0
@@ -108,10 +108,10 @@ class ArmState:
     """The arm at one period of the loop.
 
     ``time`` (perf_counter, seconds), ``tick`` (periods so far), ``position`` (m) and ``velocity`` (m/s) of the tip and
-    ``force`` (N) on it in the device's frame, ``angles`` (rad) of its joints, ``counts`` of their encoders, ``currents``
-    (A), ``buttons`` (bit 0: the stylus button), ``ramp`` (0 to 1) of an engagement, ``heat`` (0 to 1) of the warmest
-    motor, ``waiting`` for the force to be small enough to engage, ``model_age`` and ``report_age`` in seconds,
-    ``slope_asked`` by the material and ``slope_granted`` in N/m.
+    ``force`` (N) on it in the device's frame, ``angles`` (rad) of its joints, ``counts`` of their encoders,
+    ``currents`` (A), ``buttons`` (bit 0: the stylus button), ``ramp`` (0 to 1) of an engagement, ``heat`` (0 to 1) of
+    the warmest motor, ``waiting`` for the force to be small enough to engage, ``model_age`` and ``report_age`` in
+    seconds, ``slope_asked`` by the material and ``slope_granted`` in N/m.
     """
 
     time: float = 0.0
