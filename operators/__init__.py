@@ -18,6 +18,7 @@ _MODULES = (
     "sculpt",
     "hover",
     "export_vdb",
+    "arm_devices",
     "command",
 )
 

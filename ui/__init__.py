@@ -4,6 +4,7 @@
 from importlib import import_module
 
 _MODULES = (
+    "preferences",
     "plots",
     "presets",
     "panel",  # the parent of those that follow

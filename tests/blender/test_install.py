@@ -97,7 +97,8 @@ def test_manifest_is_as_the_extensions_platform_wants_it(manifest):
     assert manifest["blender_version_min"] == "4.5.0"
     assert manifest["license"] == ["SPDX:GPL-3.0-or-later"]
     assert len(manifest["tagline"]) <= 64 and manifest["tagline"][-1].isalnum()
-    assert list(manifest["permissions"]) == ["files"]
+    assert list(manifest["permissions"]) == ["files", "clipboard"]  # what the code uses, and no more
+    assert all(len(reason) <= 64 and reason[-1].isalnum() for reason in manifest["permissions"].values())
 
 
 def test_one_version_everywhere(manifest):
