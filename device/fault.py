@@ -64,20 +64,19 @@ _FAULTS = {
     Fault.ENCODER_JUMP: "An encoder jumped farther than a hand can move: check its cable, then home and arm again",
     Fault.JOINT_LIMIT: "A joint reads beyond what this arm can reach: put the arm in its home pose, then home and arm "
     "again; if that does not help, choose the profile that fits",
-    Fault.VELOCITY: "The arm moved faster than its profile allows with force on: let it come to rest, then home and arm "
-    "again",
+    Fault.VELOCITY: "The arm moved too fast while it gave force: let it come to rest, then home and arm again",
     Fault.NOT_FINITE: "The arm's pose came out as no number: home and arm again; if that does not help, check the "
     "profile's lengths and encoder counts",
     Fault.WRITE_FAILED: "The arm takes no more reports: check its cable and power, then connect, home and arm again",
     Fault.MEMORY_GONE: "The memory shared with Blender is gone: connect, home and arm again",
     Fault.MODEL_NOT_FINITE: "The material's force came out as no number: undo the last stroke, then home and arm again",
-    Fault.OVERRUN: "This computer left the arm's loop waiting too long: close what else is busy, then home and arm again",
+    Fault.OVERRUN: "This computer left the arm's loop waiting too long: end what keeps it busy, home and arm again",
     Fault.CLOCK: "This computer's clock ran backwards: home and arm again",
     Fault.BLENDER_GONE: "Blender has ended: connect, home and arm again",
     Fault.NOT_HOMED: "The arm does not know where it is: put it in its home pose and press Home",
     Fault.MODEL_STALE: "Blender was too busy to say what is felt: lift the tool out of the material to feel it again",
     Fault.STALL: "This computer left the arm's loop waiting: lift the tool out of the material to feel it again",
-    Fault.HOME_IMPLAUSIBLE: "The arm cannot be in a home pose that its joints do not reach: choose the profile that fits",
+    Fault.HOME_IMPLAUSIBLE: "The arm's joints do not reach the home pose of its profile: choose the profile that fits",
     Fault.HOME_MOVING: "The arm was moving: hold it still in its home pose and press Home again",
     Fault.HOME_SILENT: "The arm does not report yet: check its cable and power, then press Home again",
 }

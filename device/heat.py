@@ -22,10 +22,17 @@ def warmed(heat: Triple, currents: Triple, dt: float, limits: Limits) -> Triple:
 
 
 def allowed_current(heat: float, limits: Limits) -> float:
-    """Amperes that a motor may have: its peak when cold, falling to its continuous current, where it gets no warmer."""
+    """Amperes that a motor may have: its peak when cold, falling to its continuous current, where it gets no warmer;
+    and never more than its firmware takes."""
     continuous = limits.continuous_current
     share = min(heat / (continuous * continuous), 1.0)
-    return limits.max_current + (continuous - limits.max_current) * share
+    return min(limits.max_current + (continuous - limits.max_current) * share, limits.firmware_current)
+
+
+def bearable_share(current: float, heat: float, limits: Limits) -> float:
+    """How much of a ``current`` (A) a motor so warm may have, at most 1."""
+    allowed = allowed_current(heat, limits)
+    return allowed / abs(current) if abs(current) > allowed else 1.0
 
 
 def warmth(heat: Triple, limits: Limits) -> float:

@@ -14,7 +14,7 @@ Triple = tuple[float, float, float]
 Range = tuple[float, float]
 
 SLOWEST_WATCHDOG = 100.0
-"""Milliseconds after which an arm must have let go by itself when the loop has died, to be trusted with all its force."""
+"""Milliseconds after which an arm has to let go by itself when the loop has died, to be trusted with all its force."""
 SLOW_WATCHDOG_SHARE = 0.25
 """Of its force, to an arm that takes longer."""
 FIRMWARE_SHARE = 0.95
@@ -38,7 +38,8 @@ class Limits:
     ``max_force`` N, with ``force_scale`` (0 to 1) and a slow firmware's share in it, ``reason`` for the latter in one
     line or ""; ``max_stiffness`` N/m, ``max_damping`` N s/m, ``max_velocity`` m/s, ``max_slew`` N/s; ``damping`` N s/m
     of device and hand, which hold the loop stable; ``period`` s; ``max_current``, ``continuous_current`` and
-    ``firmware_current`` A (what the firmware takes, with its margin), ``winding_time`` s; ``joint_limits`` and
+    ``firmware_current`` A (what the firmware takes, with its margin), ``steady_current`` A that is always fine;
+    ``winding_time`` s; ``joint_limits`` and
     ``elbow_limits`` (of pi/2 - tB - tC) rad, their margin included; ``max_count_rate`` counts/s for each encoder.
     """
 
@@ -54,6 +55,7 @@ class Limits:
     max_current: float
     continuous_current: float
     firmware_current: float
+    steady_current: float
     winding_time: float
     joint_limits: tuple[Range, Range, Range]
     elbow_limits: Range
@@ -67,9 +69,11 @@ def limits_of(profile: DeviceProfile, link: Link, force_scale: float = 1.0) -> L
     if not 0.0 < link.firmware_watchdog_ms <= SLOWEST_WATCHDOG:
         share = SLOW_WATCHDOG_SHARE
         reason = (
-            f"Force is held to {profile.max_force * share:.2g} N, a quarter: if the loop died, this arm's firmware would "
-            f"go on pushing for {link.firmware_watchdog_ms:.0f} ms, and {SLOWEST_WATCHDOG:.0f} is the most to be trusted"
+            f"Force is held to {profile.max_force * share:.3g} N, a quarter: if the loop died, its firmware would "
+            f"go on pushing for {link.firmware_watchdog_ms:.0f} ms, and {SLOWEST_WATCHDOG:.0f} is as long as is safe"
         )
+    continuous = min(profile.continuous_current, profile.max_current)
+    firmware = FIRMWARE_SHARE * link.firmware_current_limit
     a, b, c = (_wider(limits) for limits in profile.joint_limits)
     return Limits(
         max_force=profile.max_force * scale * share,
@@ -82,8 +86,9 @@ def limits_of(profile: DeviceProfile, link: Link, force_scale: float = 1.0) -> L
         damping=profile.device_damping + profile.hand_damping,
         period=LOCK_STEP_PERIOD if link.lock_step else PERIOD,
         max_current=profile.max_current,
-        continuous_current=min(profile.continuous_current, profile.max_current),
-        firmware_current=FIRMWARE_SHARE * link.firmware_current_limit,
+        continuous_current=continuous,
+        firmware_current=firmware,
+        steady_current=min(continuous, firmware),
         winding_time=profile.winding_time,
         joint_limits=(a, b, c),
         elbow_limits=_wider(profile.difference_limits),

@@ -13,6 +13,7 @@ can bear); :func:`opened`, :func:`homed`, :func:`armed`, :func:`disarmed` and :f
 
 from __future__ import annotations
 
+from itertools import repeat
 from math import hypot, isfinite
 from typing import NamedTuple
 
@@ -68,42 +69,78 @@ MOST_COUNTS = float(1 << 31)
 ZERO: Triple = (0.0, 0.0, 0.0)
 
 
+class Seen(NamedTuple):
+    """What :func:`sensed` remembers: ``time`` of its last call, ``report_time``, ``counts`` and ``speed`` (m/s) of the
+    newest report; seconds."""
+
+    time: float = 0.0
+    report_time: float = 0.0
+    counts: Triple = ZERO
+    speed: float = 0.0
+
+
+class Given(NamedTuple):
+    """What :func:`rendered` remembers: the ``force`` (N) on the hand, ``ramp`` 0 to 1 of the engagement, for which
+    ``scene`` and ``force_scale`` that was, and ``waiting``: there is something to be felt, but more than may engage."""
+
+    force: Triple = ZERO
+    ramp: float = 0.0
+    scene: int = 0
+    force_scale: float = 0.0
+    waiting: bool = False
+
+
+class Motors(NamedTuple):
+    """What :func:`limited_currents` remembers: ``currents`` (A) that the motors have, and their ``heat`` (A^2)."""
+
+    currents: Triple = ZERO
+    heat: Triple = ZERO
+
+
+NO_FORCE = Given()
+WAITING = Given(waiting=True)
+
+
 class Status(NamedTuple):
     """What is known of the arm from one period to the next.
 
-    ``fault`` is the reason of the last fault, or why an order was refused or the force waits; NONE once the user got on.
-    ``since`` when the state was entered and ``time`` of the last :func:`sensed`, seconds; ``report_time``, ``counts``
-    and ``speed`` (m/s) of the newest report. ``ramp`` 0 to 1; ``waiting``: armed, there is something to be felt, but the
-    force is not small; ``force`` (3,) N as rendered last, ``scene`` and ``force_scale`` it was rendered for;
-    ``currents`` (3,) A that the motors have, and their ``heat`` (3,) A^2.
+    ``fault`` is the reason of the last fault, or why an order was refused or the force waits; NONE once the user got
+    on. ``since`` (s) when the state was entered.
     """
 
     state: State = State.CLOSED
     fault: Fault = Fault.NONE
     since: float = 0.0
-    time: float = 0.0
-    report_time: float = 0.0
-    counts: Triple = ZERO
-    speed: float = 0.0
-    ramp: float = 0.0
-    waiting: bool = False
-    force: Triple = ZERO
-    scene: int = 0
-    force_scale: float = 0.0
-    currents: Triple = ZERO
-    heat: Triple = ZERO
+    seen: Seen = Seen()
+    given: Given = NO_FORCE
+    motors: Motors = Motors()
+
+    @property
+    def force(self) -> Triple:
+        """The force (3,) on the hand in N, as it was rendered last."""
+        return self.given.force
+
+    @property
+    def ramp(self) -> float:
+        """0 to 1: how much of its force an engagement has reached."""
+        return self.given.ramp
+
+    @property
+    def waiting(self) -> bool:
+        """Armed, and there is something to be felt, but more than may engage."""
+        return self.given.waiting
 
 
 def _moved(status: Status, state: State, fault: Fault, now: float) -> Status:
     """Into another state, which begins without force."""
-    return status._replace(
-        state=state, fault=fault, since=now, ramp=0.0, waiting=False, force=ZERO, scene=0, currents=ZERO
-    )
+    return Status(state, fault, now, status.seen, NO_FORCE, Motors(ZERO, status.motors.heat))
 
 
 def opened(now: float, former: Status | None = None) -> Status:
     """The arm was opened: it may be read, and nothing is written to it. Of what was before, its motors' heat stays."""
-    return Status(State.OPEN, since=now, time=now, report_time=now, heat=former.heat if former else ZERO)
+    return Status(
+        State.OPEN, since=now, seen=Seen(now, now), motors=Motors(ZERO, former.motors.heat if former else ZERO)
+    )
 
 
 def closed(status: Status, now: float) -> Status:
@@ -122,14 +159,15 @@ def homed(status: Status, limits: Limits, counts: Triple, angles: Triple, now: f
     refused = _no_home(status, limits, counts, angles, now)
     if refused:
         return _moved(status, State.SAFE if status.state is State.SAFE else State.OPEN, refused, now)
-    return _moved(status, State.HOMED, Fault.NONE, now)._replace(counts=counts, time=now)
+    seen = Seen(now, status.seen.report_time, counts, status.seen.speed)
+    return _moved(status._replace(seen=seen), State.HOMED, Fault.NONE, now)
 
 
 def _no_home(status: Status, limits: Limits, counts: Triple, angles: Triple, now: float) -> Fault:
     """Why this cannot be a home pose."""
-    if not -EARLY <= now - status.report_time <= STALE_SENSOR:
+    if not -EARLY <= now - status.seen.report_time <= STALE_SENSOR:
         return Fault.HOME_SILENT
-    if not status.speed <= HOMING_SPEED:
+    if not status.seen.speed <= HOMING_SPEED:
         return Fault.HOME_MOVING
     plausible = all(abs(count) < MOST_COUNTS for count in counts)
     return Fault.NONE if plausible and _within_reach(limits, angles) else Fault.HOME_IMPLAUSIBLE
@@ -183,27 +221,26 @@ def sensed(
     ``report_time`` is when it came; ``counts`` of its encoders, unwrapped; ``angles`` (rad) and ``velocity`` (m/s) are
     what follows from it. A homed arm that cannot be trusted any more is failed.
     """
-    state = status.state
+    state, fault, since, former, given, motors = status
     if state is State.CLOSED:
         return status
-    x, y, z = velocity
-    speed = hypot(x, y, z)
-    if not (isfinite(now) and isfinite(report_time) and isfinite(speed) and isfinite(sum(angles) + sum(counts))):
-        return failed(status, Fault.NOT_FINITE, status.time)
-    seen = status._replace(time=now, report_time=report_time, counts=counts, speed=speed)
+    speed = hypot(*velocity)
+    if not isfinite(now + report_time + speed + sum(angles) + sum(counts)):
+        return failed(status, Fault.NOT_FINITE, former.time)
+    seen = Status(state, fault, since, Seen(now, report_time, counts, speed), given, motors)
     if state is State.SAFE:
         return seen
     age = now - report_time
     if state is State.OPEN:
         return failed(seen, Fault.SILENT, now) if age > ANSWER_TIME else seen
-    gap = now - status.time
-    if gap < 0.0 or age < -EARLY or report_time < status.report_time:
+    gap = now - former.time
+    if gap < 0.0 or age < -EARLY or report_time < former.report_time:
         return failed(seen, Fault.CLOCK, now)
     if age > STALE_SENSOR:
         return failed(seen, Fault.SILENT, now)
     if gap > LONGEST_GAP:
         return failed(seen, Fault.OVERRUN, now)
-    if _jumped(status, limits, report_time, counts):
+    if _jumped(former, limits, report_time, counts):
         return failed(seen, Fault.ENCODER_JUMP, now)
     if not _within_reach(limits, angles):
         return failed(seen, Fault.JOINT_LIMIT, now)
@@ -215,11 +252,11 @@ def sensed(
     return seen
 
 
-def _jumped(status: Status, limits: Limits, report_time: float, counts: Triple) -> bool:
+def _jumped(former: Seen, limits: Limits, report_time: float, counts: Triple) -> bool:
     """Whether an encoder has turned farther since the last report than a hand can turn it."""
-    time = min(report_time - status.report_time, STALE_SENSOR) + JITTER
+    time = min(report_time - former.report_time, STALE_SENSOR) + JITTER
     a, b, c = counts
-    i, j, k = status.counts
+    i, j, k = former.counts
     u, v, w = limits.max_count_rate
     return abs(a - i) > u * time or abs(b - j) > v * time or abs(c - k) > w * time
 
@@ -232,33 +269,33 @@ def rendered(
     ``dt`` is the time since the last call, of which no more than a period counts, so that a loop that stood still goes
     on where it was. ``model_time`` is the age of what is felt, ``scene`` what it is: 0 for nothing.
     """
-    state = status.state
+    state, fault, since, seen, given, motors = status
     if state is not State.RUN and state is not State.ARMED:
         return status
-    magnitude = hypot(*force)
+    x, y, z = force
+    magnitude = hypot(x, y, z)
     if not isfinite(magnitude):
         return failed(status, Fault.MODEL_NOT_FINITE, now)
-    age = now - model_time
+    age, scale = now - model_time, limits.force_scale
     if state is State.ARMED:
         there = scene != 0 and -EARLY <= age <= FADE_FROM
         if there and magnitude < SMALL_FORCE:
-            return _moved(status, State.RUN, Fault.NONE, now)._replace(scene=scene, force_scale=limits.force_scale)
-        return status._replace(waiting=there)
-    if scene != status.scene:
+            return Status(State.RUN, Fault.NONE, now, seen, Given(ZERO, 0.0, scene, scale), motors)
+        return Status(state, fault, since, seen, WAITING if there else NO_FORCE, motors)
+    if scene != given.scene:
         return _moved(status, State.ARMED, Fault.NONE, now)
     if not -EARLY <= age < FADE_TO:
         return _moved(status, State.ARMED, Fault.MODEL_STALE, now)
     step = min(dt, limits.period) if dt > 0.0 else 0.0
-    scale, ramp = limits.force_scale, status.ramp
-    if scale > status.force_scale:
-        ramp *= status.force_scale / scale  # the same force as before, and from there on up
+    ramp = given.ramp
+    if scale > given.force_scale:
+        ramp *= given.force_scale / scale  # the same force as before, and from there on up
     ramp = min(ramp + step / RAMP_TIME, 1.0)
     share = limits.max_force / magnitude if magnitude * scale > limits.max_force else scale
     share *= ramp * _fade(age, FADE_FROM, FADE_TO)
-    share *= _fade(status.speed, limits.max_velocity, FADED_SPEED * limits.max_velocity)
-    x, y, z = force
-    target = x * share, y * share, z * share
-    return status._replace(ramp=ramp, force_scale=scale, force=_towards(status.force, target, limits.max_slew * step))
+    share *= _fade(seen.speed, limits.max_velocity, FADED_SPEED * limits.max_velocity)
+    force = _towards(given.force, (x * share, y * share, z * share), limits.max_slew * step)
+    return Status(state, fault, since, seen, Given(force, ramp, scene, scale), motors)
 
 
 def _fade(value: float, full: float, none: float) -> float:
@@ -278,7 +315,7 @@ def _towards(force: Triple, target: Triple, most: float) -> Triple:
     u, v, w = target
     square = x * x + y * y + z * z
     along = x * u + y * v + z * w
-    left = 0.0 if along <= 0.0 else min(along / square, 1.0)
+    left = 0.0 if along <= 0.0 else along / square if along < square else 1.0
     x, y, z = left * x, left * y, left * z
     i, j, k = u - x, v - y, w - z
     way = hypot(i, j, k)
@@ -291,22 +328,21 @@ def _towards(force: Triple, target: Triple, most: float) -> Triple:
 def limited_currents(status: Status, limits: Limits, currents: Triple, dt: float) -> tuple[Status, Triple]:
     """The ``currents`` (A) as the motors and the firmware can bear them: all scaled together, so the force keeps its
     direction. ``dt``, the time since the last call, is that in which the motors had what was given then."""
-    warm = heat.warmed(status.heat, status.currents, dt if 0.0 < dt < 3600.0 else limits.period, limits)
-    if status.state is not State.RUN:
-        return status._replace(heat=warm, currents=ZERO), ZERO
-    share = 1.0
-    for current, hot in zip(currents, warm):
-        if not isfinite(current):
-            return failed(status, Fault.NOT_FINITE, status.time)._replace(heat=warm), ZERO
-        allowed = min(heat.allowed_current(hot, limits), limits.firmware_current)
-        if abs(current) > allowed:
-            share = min(share, allowed / abs(current))
+    state, fault, since, seen, given, motors = status
+    warm = heat.warmed(motors.heat, motors.currents, dt if dt > 0.0 else 0.0, limits)
+    if state is not State.RUN:
+        return Status(state, fault, since, seen, given, Motors(ZERO, warm)), ZERO
     a, b, c = currents
-    given = a * share, b * share, c * share
-    x, y, z = status.force
-    return status._replace(heat=warm, currents=given, force=(x * share, y * share, z * share)), given
+    if not isfinite(a + b + c):
+        return failed(status, Fault.NOT_FINITE, seen.time)._replace(motors=Motors(ZERO, warm)), ZERO
+    if max(abs(a), abs(b), abs(c)) > limits.steady_current:
+        share = min(map(heat.bearable_share, currents, warm, repeat(limits)))
+        currents = a * share, b * share, c * share
+        x, y, z = given.force
+        given = given._replace(force=(x * share, y * share, z * share))
+    return Status(state, fault, since, seen, given, Motors(currents, warm)), currents
 
 
 def warmth(status: Status, limits: Limits) -> float:
     """0 to 1, of the warmest motor; 1 is as warm as its continuous current makes it."""
-    return heat.warmth(status.heat, limits)
+    return heat.warmth(status.motors.heat, limits)
