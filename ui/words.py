@@ -16,7 +16,8 @@ FEWEST = 16
 
 def characters_in(context: bpy.types.Context) -> int:
     """How many characters of a label can be seen in the region that is drawn."""
-    width = context.region.width / context.preferences.system.ui_scale if context.region is not None else 0.0
+    scale = context.preferences.system.ui_scale or 1.0  # 0 without a window
+    width = context.region.width / scale if context.region is not None else 0.0
     return max(FEWEST, int((width - MARGIN) / CHARACTER))
 
 
