@@ -8,6 +8,7 @@ _MODULES = (
     "settings",
     "session",
     "handlers",
+    "arm_session",
     "import_volume",
     "new_clay_block",
     "mesh_to_clay",
@@ -19,6 +20,7 @@ _MODULES = (
     "hover",
     "export_vdb",
     "arm_devices",
+    "arm_verbs",
     "command",
 )
 

@@ -4,11 +4,41 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core.surface import Hit
 from ..core.tool import Vector, vector
+
+if TYPE_CHECKING:
+    import bpy
+
+    from .session import Session
+    from .settings import RepousseSettings
+
+SMALLEST_RADIUS, LARGEST_RADIUS = 1.5, 64.0
+"""Voxels. A larger tool than this cannot be followed in real time."""
+
+
+def voxels_to_world(obj: bpy.types.Object, session: Session) -> np.ndarray:
+    """(4, 4) float64: indices of the session's grid to the world, through the object that shows it."""
+    return np.array(obj.matrix_world, np.float64) @ session.grid.transform
+
+
+def size_of(to_world: np.ndarray) -> float:
+    """How long a voxel is in the world: the edge of a cube of its volume."""
+    return float(abs(np.linalg.det(to_world[:3, :3])) ** (1.0 / 3.0))
+
+
+def bounded_radius(radius: float) -> float:
+    """A radius in voxels within what can be solved in real time."""
+    return min(max(radius, SMALLEST_RADIUS), LARGEST_RADIUS)
+
+
+def brush_radius(aim: Aim, settings: RepousseSettings, position: Vector) -> float:
+    """Radius in voxels of the brush over ``position``, within what can be solved in real time."""
+    return bounded_radius(aim.length(position, settings.radius))
 
 
 @dataclass(frozen=True)
@@ -24,9 +54,8 @@ class Pointer:
         """From voxels, by the (4, 4) matrix that takes them to the world."""
         axes = to_world[:3, :3]
         normal = np.linalg.inv(axes).T @ hit.normal
-        size = abs(np.linalg.det(axes)) ** (1.0 / 3.0)
         position = to_world @ (*hit.position, 1.0)
-        return cls(vector(position[:3]), vector(normal / np.linalg.norm(normal)), radius * size)
+        return cls(vector(position[:3]), vector(normal / np.linalg.norm(normal)), radius * size_of(to_world))
 
 
 @dataclass(frozen=True)

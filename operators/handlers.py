@@ -8,7 +8,7 @@ import atexit
 import bpy
 from bpy.app.handlers import persistent
 
-from . import revisions, saving, session
+from . import arm_session, revisions, saving, session
 
 _leaving = False
 
@@ -16,6 +16,7 @@ _leaving = False
 @persistent
 def before_undo(*_):
     session.end_stroke()
+    arm_session.quieten()
     revisions.look()
     saving.note_places()
 
@@ -30,6 +31,7 @@ def after_undo(*_):
 
 @persistent
 def before_load(*_):
+    arm_session.close_arm()
     session.close_session()
     revisions.look()
 
@@ -76,6 +78,7 @@ def after_change(*_):
 def before_exit(*_):
     global _leaving
     _leaving = True
+    arm_session.close_arm()
     session.close_session()
     if bpy.data is not None:  # as a Python module Blender has taken it away by now
         revisions.look()
@@ -83,6 +86,7 @@ def before_exit(*_):
 
 def at_exit():
     """The last that Python does."""
+    arm_session.close_arm()
     session.close_session()
     revisions.clear()
 
@@ -111,6 +115,7 @@ def register():
 
 
 def unregister():
+    arm_session.close_arm()
     session.close_session()
     revisions.look()
     # Blender disables all add-ons when it ends: only where that is known not to be so, what undo needs has to stay.

@@ -6,9 +6,9 @@ from __future__ import annotations
 import bpy
 
 from ..core.surface import Surface
-from .aim import Aim, Pointer
+from . import arm_session
+from .aim import Aim, Pointer, brush_radius, voxels_to_world
 from .automatic_level import level_of
-from .sculpt import brush_radius, voxels_to_world
 from .session import live
 from .volumes import active_volume
 
@@ -21,8 +21,9 @@ class REPOUSSE_OT_hover(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        session = live()
-        return session is not None and session.engine is None and context.region_data is not None
+        session, arm = live(), arm_session.arm()
+        has_pointer = arm is not None and arm.has_pointer
+        return session is not None and session.engine is None and not has_pointer and context.region_data is not None
 
     def invoke(self, context, event):
         session, obj = live(), active_volume(context)

@@ -59,6 +59,7 @@ def _replay(stroke: Stroke, obj: bpy.types.Object, windows: bpy.types.WindowMana
     session = open_session(obj)
     if session.engine is not None:
         raise ValueError("a stroke is under way: finish it first")
+    session.feeling = None
     elsewhere = stroke.grid_hash is not None and stroke.grid_hash != session.grid_hash()
     try:
         mass_out = walk(stroke, session.grid, windows)

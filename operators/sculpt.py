@@ -13,9 +13,10 @@ from ..core import Contact, SphereTool, Stroke
 from ..core.engine import Engine
 from ..core.guide import Brush, Guide
 from ..core.surface import Surface
-from ..core.tool import DEFAULT_REACH, Vector, vector
-from . import strokes
-from .aim import Aim, Pointer
+from ..core.tool import DEFAULT_REACH, vector
+from . import arm_session, strokes
+from .aim import Aim, Pointer, brush_radius, voxels_to_world
+from .arm_session import ArmStroke
 from .automatic_level import level_of
 from .session import Session, end_stroke, in_array, live, open_session
 from .settings import RepousseSettings
@@ -23,8 +24,6 @@ from .volumes import OnActiveVolume, active_volume
 
 TICK = 1.0 / 60.0
 """Seconds between looks at what the engine has done."""
-SMALLEST_RADIUS, LARGEST_RADIUS = 1.5, 64.0
-"""Voxels. A larger tool than this cannot be followed in real time."""
 PATIENCE = 0.05
 """Seconds for which the release of the button waits for the last poses to be solved before it looks again later."""
 
@@ -35,16 +34,6 @@ VERBS = [
 ]
 
 
-def voxels_to_world(obj: bpy.types.Object, session: Session) -> np.ndarray:
-    """(4, 4) float64: indices of the session's grid to the world, through the object that shows it."""
-    return np.array(obj.matrix_world, np.float64) @ session.grid.transform
-
-
-def brush_radius(aim: Aim, settings: RepousseSettings, position: Vector) -> float:
-    """Radius in voxels of the brush over ``position``, within what can be solved in real time."""
-    return min(max(aim.length(position, settings.radius), SMALLEST_RADIUS), LARGEST_RADIUS)
-
-
 class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
     bl_idname = "repousse.sculpt"
     bl_label = "Sculpt Volume"
@@ -52,6 +41,9 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
     bl_options = {"UNDO", "BLOCKING"}
 
     verb: bpy.props.EnumProperty(name="Verb", description="What the tool does to the material", items=VERBS)
+    arm: bpy.props.BoolProperty(
+        name="Arm", description="The arm moves the tool, in the place of the mouse", options={"HIDDEN", "SKIP_SAVE"}
+    )
 
     def invoke(self, context, event):
         if context.region is None or context.region_data is None:
@@ -74,12 +66,16 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
 
     def _begin(self, context, event, obj, session, settings):
         to_world = voxels_to_world(obj, session)
+        held = _arm_of(session, to_world) if self.arm else None
         aim = Aim.of(context.region, context.region_data, to_world)
         x, y = event.mouse_region_x, event.mouse_region_y
         level = level_of(obj.data)
-        hit = Surface(session.grid, level).hit(*aim.ray(x, y))
-        middle = vector((n - 1) / 2.0 for n in session.grid.shape)
-        radius = brush_radius(aim, settings, hit.position if hit else middle)
+        if held is not None:
+            radius = held.radius
+        else:
+            hit = Surface(session.grid, level).hit(*aim.ray(x, y))
+            middle = vector((n - 1) / 2.0 for n in session.grid.shape)
+            radius = brush_radius(aim, settings, hit.position if hit else middle)
         self._stroke = _stroke_of(settings, self.verb, radius, session)
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
@@ -88,21 +84,17 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
             self.report({"WARNING"}, str(warning.message))
         if settings.record:
             self._stroke.grid_hash = session.grid_hash()
-        engine = Engine(push)
-        brush = Brush(
-            radius=radius,
-            strength=settings.strength,
-            verb=self.verb,
-            press=settings.press,
-            drill=settings.drill,
-            spacing=settings.spacing / 100.0,
-            stabiliser=float(settings.stabiliser),
-            pressure_radius=settings.pressure_radius,
-            pressure_strength=settings.pressure_strength,
-        )
-        self._guide = Guide(Surface(session.grid, level, engine.history), brush, aim.ray)
+        if held is not None:
+            engine = Engine(push, hand=held.hand)
+            held.attach(engine)
+            self._guide = held
+        else:
+            engine = Engine(push)
+            brush = _brush_of(settings, self.verb, radius)
+            self._guide = Guide(Surface(session.grid, level, engine.history), brush, aim.ray)
         self._volume, self._to_world = obj.data.session_uid, to_world
         self._engine, self._began, self._shown, self._released = engine, time.perf_counter(), None, False
+        session.feeling = None
         engine.start()
         session.engine = engine
         self._feed(self._guide.begin(x, y, event.pressure, 0.0))
@@ -126,10 +118,11 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
         """One event of a stroke that runs."""
         if event.value == "PRESS" and event.type in {"ESC", "RIGHTMOUSE"}:
             return self._take_back(context, session)
-        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
+        if not self._released and self._is_let_go(event):
             self._released = True
+            self._engine.release()
             self._engine.settle(PATIENCE)
-        elif event.type in {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE"} and not self._released:
+        elif event.type in {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE"} and not (self._released or self.arm):
             x, y = event.mouse_region_x, event.mouse_region_y
             self._feed(self._guide.move(x, y, event.pressure, self._time))
             context.area.tag_redraw()
@@ -141,6 +134,10 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
             self._shown = self._engine.contact
             context.area.tag_redraw()
         return {"RUNNING_MODAL"}
+
+    def _is_let_go(self, event) -> bool:
+        """Whether this is the end of the stroke."""
+        return self._guide.over if self.arm else event.type == "LEFTMOUSE" and event.value == "RELEASE"
 
     def cancel(self, context):
         """Blender's own call when a file is loaded or a window is closed under the stroke."""
@@ -166,7 +163,12 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
         engine, obj = self._engine, active_volume(context)
         samples = engine.finish()
         boxes = [in_array(box, engine.push.origin) for box in engine.touched]
-        if obj is None or obj.data.session_uid != self._volume or not boxes:
+        if self.arm and self._guide.trouble:
+            self.report({"WARNING"}, self._guide.trouble)
+        if not boxes:
+            session.engine = None
+            return self._leave(context)
+        if obj is None or obj.data.session_uid != self._volume:
             return self._take_back(context, session)
         session.commit(obj, boxes, engine.mass_out)
         session.last_trace = engine.trace
@@ -197,6 +199,29 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
             context.area.tag_redraw()
         self._engine = self._guide = self._stroke = self._shown = None  # Blender keeps what made a step of undo
         return {"CANCELLED"}
+
+
+def _arm_of(session: Session, to_world: np.ndarray) -> ArmStroke:
+    """What the arm moves the tool with. Raises ValueError where none is connected, or it is not ready."""
+    arm = arm_session.arm()
+    if arm is None:
+        raise ValueError("No arm is connected")
+    return arm.take_up(session, to_world)
+
+
+def _brush_of(settings: RepousseSettings, verb: str, radius: float) -> Brush:
+    """What the mouse does with the tool."""
+    return Brush(
+        radius=radius,
+        strength=settings.strength,
+        verb=verb,
+        press=settings.press,
+        drill=settings.drill,
+        spacing=settings.spacing / 100.0,
+        stabiliser=float(settings.stabiliser),
+        pressure_radius=settings.pressure_radius,
+        pressure_strength=settings.pressure_strength,
+    )
 
 
 def _stroke_of(settings: RepousseSettings, verb: str, radius: float, session: Session) -> Stroke:

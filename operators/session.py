@@ -7,6 +7,7 @@ is held on to from one event to the next, for undo frees it: names and session_u
 
 from __future__ import annotations
 
+from itertools import count
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from .aim import Pointer
 
 _live: Session | None = None
+
+_generations = count(1)
 
 STAND_IN = "BOUNDS"
 """How Blender draws an object while the live view draws its voxels."""
@@ -110,6 +113,9 @@ class Session:
         Depth, stress and yield stress along the last stroke, as the engine keeps them.
     pointer
         Where the tool is, for the view; None: nowhere.
+    generation
+        Another number whenever voxels may have changed by anything but a stroke that was finished; no two sessions
+        have the same.
     """
 
     def __init__(self, volume: bpy.types.Volume, path: Path) -> None:
@@ -117,6 +123,8 @@ class Session:
         self._engine: Engine | None = None
         self.last_trace: list[tuple[float, float, float]] = []
         self.pointer: Pointer | None = None
+        self.generation = next(_generations)
+        self._feeling: Engine | None = None
         self.shown_uid: int | None = None
         self._boxes: list[Box] = []
         self._seen = None  # the array that the view has
@@ -140,7 +148,19 @@ class Session:
     def engine(self, engine: Engine | None) -> None:
         if engine is not None:
             self._forget_hash()  # it changes what was hashed
+            self.feeling = None
         self._engine = engine
+
+    @property
+    def feeling(self) -> Engine | None:
+        """What feels the voxels while no stroke runs: ended before anything changes them, or another one feels."""
+        return self._feeling
+
+    @feeling.setter
+    def feeling(self, engine: Engine | None) -> None:
+        former, self._feeling = self._feeling, engine
+        if former is not None:
+            former.cancel()
 
     @property
     def grid(self) -> DensityGrid:
@@ -154,6 +174,7 @@ class Session:
 
     def load(self, volume: bpy.types.Volume) -> None:
         """Read the volume's present file in place of the former. Raises ValueError, and all is as it was."""
+        self.feeling = None
         self._read(path_of(volume))
         self.changed(None)
 
@@ -161,6 +182,7 @@ class Session:
         """Tell the view that the voxels of ``box`` (array indices) are not what they were; None: any of them."""
         if box is None:
             self._seen = None
+            self.generation = next(_generations)
         else:
             self._boxes.append(box)
 
@@ -212,6 +234,7 @@ class Session:
 
     def end(self) -> None:
         """End what may still run for this session."""
+        self.feeling = None
         self._forget_hash()
 
     def _hash_ahead(self) -> None:
