@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from typing import Any
 
 Reader = Callable[[Any], Any]
@@ -141,7 +142,8 @@ def table(kind: type, readers: Mapping[str, Reader], check: Callable[[Any], None
             raise FieldError("", f"a table is wanted, not {shown(value)}")
         for name in value:
             if not isinstance(name, str) or name not in readers:
-                raise FieldError(shown(name), f"there is no such field; there are {', '.join(sorted(readers))}")
+                near = get_close_matches(name[:SHOWN], readers, 1) if isinstance(name, str) else []
+                raise FieldError(shown(name), f"there is no such field{f', but {near[0]}' if near else ''}")
         for name in readers:
             if name in required and name not in value:
                 raise FieldError(name, "is missing")

@@ -234,6 +234,15 @@ def _read_link(value: object) -> Link:
     return builtin_links()[value]
 
 
+def _check_plant(plant: EmulatedPlant) -> None:
+    """No pose of the arm may make its mass matrix anything but positive definite."""
+    b, c = plant.yaw_inertia
+    if not plant.base_inertia + min(b, 0.0) + min(c, 0.0) - 2.0 * abs(plant.coupling) > 0.0:
+        raise FieldError("base_inertia", "is too small for yaw_inertia and coupling: the arm would turn by itself")
+    if not plant.link_inertia[0] * plant.link_inertia[1] > plant.coupling**2:
+        raise FieldError("coupling", "is too large for link_inertia: the arm would move by itself")
+
+
 _PLANT = table(
     EmulatedPlant,
     {
@@ -247,17 +256,8 @@ _PLANT = table(
         "coulomb": _triple(0.0, 10.0),
         "gravity": listed(number(-10.0, 10.0), 2, 2),
     },
-    lambda plant: _check_plant(plant),
+    _check_plant,
 )
-
-
-def _check_plant(plant: EmulatedPlant) -> None:
-    """No pose of the arm may make its mass matrix anything but positive definite."""
-    b, c = plant.yaw_inertia
-    if not plant.base_inertia + min(b, 0.0) + min(c, 0.0) - 2.0 * abs(plant.coupling) > 0.0:
-        raise FieldError("base_inertia", "is too small for yaw_inertia and coupling: the arm would turn by itself")
-    if not plant.link_inertia[0] * plant.link_inertia[1] > plant.coupling**2:
-        raise FieldError("coupling", "is too large for link_inertia: the arm would move by itself")
 
 
 _GENERAL = {
@@ -342,22 +342,33 @@ def _read_profile(value: object) -> DeviceProfile:
     return _PROFILE(value)
 
 
+def _named(path: Path) -> str:
+    """A file's name as a message shows it: on one line, whatever somebody called it."""
+    name = path.name if path.name.isprintable() else ascii(path.name)[1:-1]
+    return name if len(name) <= 80 else f"{name[:80]}..."
+
+
 def _parsed(path: Path) -> dict[str, Any]:
     """What a TOML file holds; ProfileError where it cannot be read."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):  # to open a pipe would wait for ever
-            raise ProfileError(f"{path.name}: is no file")
+            raise ProfileError(f"{_named(path)}: is no file")
         with path.open("rb") as file:
             content = file.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
-            raise ProfileError(f"{path.name}: has more than {LARGEST_FILE} bytes, which no profile needs")
+            raise ProfileError(f"{_named(path)}: has more than {LARGEST_FILE} bytes, which no profile needs")
         return tomllib.loads(content.decode())
     except ProfileError:
         raise
     except OSError as error:
-        raise ProfileError(f"{path.name}: cannot be read: {error.strerror}") from None
+        raise ProfileError(f"{_named(path)}: cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
-        raise ProfileError(f"{path.name}: is not TOML: {' '.join(str(error).split())[:200]}") from None
+        raise ProfileError(f"{_named(path)}: is not TOML: {_one_line(error)}") from None
+
+
+def _one_line(error: Exception) -> str:
+    """A parser's complaint, which may quote the file."""
+    return " ".join(ascii(str(error))[1:-1].replace("\\n", " ").split())[:200]
 
 
 def _checked(name: str, value: object) -> DeviceProfile:
@@ -370,7 +381,7 @@ def _checked(name: str, value: object) -> DeviceProfile:
 def load_profile(path: str | Path) -> DeviceProfile:
     """The profile that a TOML file holds; ProfileError says what is wrong with it."""
     path = Path(path)
-    return _checked(path.name, _parsed(path))
+    return _checked(_named(path), _parsed(path))
 
 
 def load_profiles(folder: str | Path) -> tuple[dict[str, DeviceProfile], list[str]]:
@@ -382,14 +393,14 @@ def load_profiles(folder: str | Path) -> tuple[dict[str, DeviceProfile], list[st
     except FileNotFoundError:
         return found, errors
     except OSError as error:
-        return found, [f"{Path(folder).name}: cannot be read: {error.strerror}"]
+        return found, [f"{_named(Path(folder))}: cannot be read: {error.strerror}"]
     if len(paths) > MOST_FILES:
-        errors.append(f"{Path(folder).name}: holds {len(paths)} profiles, only the first {MOST_FILES} are read")
+        errors.append(f"{_named(Path(folder))}: holds {len(paths)} profiles, only the first {MOST_FILES} are read")
     for path in paths[:MOST_FILES]:
         try:
             profile = load_profile(path)
             if profile.key in builtin_profiles() or profile.key in found:
-                raise ProfileError(f"{path.name}: key: another profile is called {profile.key}; choose another")
+                raise ProfileError(f"{_named(path)}: key: another profile is called {profile.key}; choose another")
             found[profile.key] = profile
         except ProfileError as error:
             errors.append(str(error))
@@ -405,7 +416,7 @@ def _builtin_links() -> dict[str, Link]:
             for name, entry in _parsed(path).items()
         }
     except FieldError as error:
-        raise ProfileError(f"{path.name}: {error}") from None
+        raise ProfileError(f"{_named(path)}: {error}") from None
 
 
 @cache
@@ -440,7 +451,7 @@ def from_json(line: str) -> DeviceProfile:
     try:
         value = json.loads(line)
     except (ValueError, RecursionError) as error:
-        raise ProfileError(f"profile: is not JSON: {' '.join(str(error).split())[:200]}") from None
+        raise ProfileError(f"profile: is not JSON: {_one_line(error)}") from None
     return _checked("profile", value)
 
 
