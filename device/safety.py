@@ -27,7 +27,6 @@ __all__ = [
     "State",
     "Status",
     "armed",
-    "closed",
     "disarmed",
     "failed",
     "fault_text",
@@ -136,16 +135,9 @@ def _moved(status: Status, state: State, fault: Fault, now: float) -> Status:
     return Status(state, fault, now, status.seen, NO_FORCE, Motors(ZERO, status.motors.heat))
 
 
-def opened(now: float, former: Status | None = None) -> Status:
-    """The arm was opened: it may be read, and nothing is written to it. Of what was before, its motors' heat stays."""
-    return Status(
-        State.OPEN, since=now, seen=Seen(now, now), motors=Motors(ZERO, former.motors.heat if former else ZERO)
-    )
-
-
-def closed(status: Status, now: float) -> Status:
-    """The arm was let go; why it was is kept."""
-    return _moved(status, State.CLOSED, status.fault, now)
+def opened(now: float) -> Status:
+    """The arm was opened: it may be read, and nothing is written to it."""
+    return Status(State.OPEN, since=now, seen=Seen(now, now))
 
 
 def homed(status: Status, limits: Limits, counts: Triple, angles: Triple, now: float) -> Status:
