@@ -78,6 +78,7 @@ class Loop:
         self._counts = self._angles = self._position = self._velocity = _ZERO
         self._path: deque[tuple[float, Triple]] = deque()
         self._buttons = 0
+        self._given = _ZERO  # the currents that were written last
         self._homing_until = 0.0
         self._number: int | None = None
         self._lost = 0
@@ -88,25 +89,33 @@ class Loop:
     def run(self) -> str:
         """Drive the arm until it is told to stop, or cannot go on; returns why in one line, "" when it was told to."""
         pace, now = Pace(PERIOD), self._clock()
-        self._status = safety.opened(now)
-        self._reported = self._kicked = self._told = now
-        self._told_tick = 0
+        self.begin(now)
         while not self._stopped():
             if not self._memory.is_open:
                 return fault_text(Fault.MEMORY_GONE)
             former, now = now, pace.wait()
-            self._tick += 1
-            self._longest = max(self._longest, now - former)
-            count(self._memory.periods, PERIOD_BIN, now - former)
             try:
-                self._period(now, now - former)
+                self.period(now, now - former)
             except UnpluggedError:
                 self._fail(Fault.UNPLUGGED, now)
                 return fault_text(Fault.UNPLUGGED)
         return ""
 
-    def _period(self, now: float, dt: float) -> None:
-        """From the newest report to the currents that answer it."""
+    def begin(self, now: float) -> None:
+        """The arm was opened just now."""
+        self._status = safety.opened(now)
+        self._reported = self._kicked = self._told = now
+        self._told_tick = self._tick
+
+    def period(self, now: float, dt: float) -> None:
+        """From the newest report to the currents that answer it, ``dt`` seconds after the last time.
+
+        Raises UnpluggedError.
+        """
+        self._tick += 1
+        self._longest = max(self._longest, dt)
+        count(self._memory.periods, PERIOD_BIN, dt)
+        began = self._clock()
         data = self._wire.newest()
         read = self._clock()
         self._obey(self._memory.request.read(), now)
@@ -121,7 +130,7 @@ class Loop:
         written = self._clock()
         self._tell(now, currents)
         told = self._clock()
-        self._parts.add((now, read, posed, forced, written, told))
+        self._parts.add((began, read, posed, forced, written, told))
         count(self._memory.work, WORK_BIN, (forced - read) + (told - written))
 
     def _obey(self, request: Request, now: float) -> None:
@@ -236,12 +245,22 @@ class Loop:
 
     def _write(self, currents: Triple, now: float, fresh: bool) -> None:
         """Send the currents. An arm in lock step is answered report by report, and one that has not been armed is left
-        alone: any report switches its amplifiers on."""
+        alone, once its motors are at zero: any report switches its amplifiers on."""
         silent = now - max(self._reported, self._kicked) >= KICK
         if silent:
             self._kicked = now
-        due = silent or (fresh if self._link.lock_step else self._status.state in _DRIVEN)
-        if due and not self._wire.write(reports.encode_currents(self._link, currents)):
+        driven = self._status.state in _DRIVEN or self._given != _ZERO
+        if not (silent or (fresh if self._link.lock_step else driven)):
+            return
+        try:
+            report = reports.encode_currents(self._link, currents)
+        except ValueError:  # beyond what the firmware takes, which no limit before should have let through
+            self._fail(Fault.NOT_FINITE, now)
+            currents = _ZERO
+            report = reports.encode_currents(self._link, currents)
+        if self._wire.write(report):
+            self._given = currents
+        else:
             self._fail(Fault.WRITE_FAILED, now)
 
     def _fail(self, fault: Fault, now: float) -> None:

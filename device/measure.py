@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import MutableSequence
 from itertools import accumulate
 
+Counters = memoryview | list[int]
+"""Of 32 bits or more."""
 
-def count(bins: MutableSequence[int], width: float, seconds: float) -> None:
+
+def count(bins: Counters, width: float, seconds: float) -> None:
     """One more in the bin of ``seconds``; what is too long for the last bin counts there."""
     index = int(seconds / width)
     bins[min(max(index, 0), len(bins) - 1)] += 1
 
 
-def percentiles(bins: MutableSequence[int], width: float, shares: tuple[float, ...]) -> tuple[float, ...]:
+def percentiles(bins: Counters, width: float, shares: tuple[float, ...]) -> tuple[float, ...]:
     """The upper edges (seconds) of the bins below which these shares (0 to 1) of all counts lie; 0 without any."""
     totals = list(accumulate(bins))
     if not totals or totals[-1] == 0:

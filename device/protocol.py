@@ -364,7 +364,7 @@ def _new_mapping() -> tuple[mmap.mmap, str, int | None]:
 
 def _anonymous_file() -> int:
     """The descriptor of a file without a name, of the right size."""
-    if sys.platform == "linux":
+    if hasattr(os, "memfd_create"):
         import fcntl
 
         descriptor = os.memfd_create("repousse", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)

@@ -203,9 +203,7 @@ def main():
 @pytest.mark.skipif(sys.platform == "win32", reason="descriptors are handed down on POSIX")
 def test_between_two_processes_nothing_is_ever_torn(memory, tmp_path):
     """One writes as fast as it can, the other reads: every record is whole and none is older than the one before."""
-    boot = child._BOOT.replace(
-        '"repousse_device." + module).main()', '"repousse_device.protocol")); exec(module); main('
-    )
+    boot = child._BOOT.rpartition("sys.exit")[0] + "exec(module); main()"
     folder = os.path.dirname(child.__file__)
     command = [sys.executable, "-I", "-B", "-c", boot, folder, WRITER]
     process = subprocess.Popen(
