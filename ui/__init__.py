@@ -13,6 +13,7 @@ _MODULES = (
     "view_panel",
     "stress_panel",
     "strokes_panel",
+    "arm_panel",
     "live_view",
     "cursor",
     "tool",
