@@ -72,7 +72,7 @@ class RepoussePreferences(bpy.types.AddonPreferences):
     )
     workspace_scale: bpy.props.FloatProperty(
         name="Workspace",
-        description="How much of the view or of the object the arm reaches: at 1 its reach is as large as that",
+        description="Part of the view, or of the object, that the arm's reach spans, from 0.05 to 10: 1 is all of it",
         default=1.0,
         min=0.05,
         soft_min=0.25,

@@ -294,11 +294,11 @@ UNITS = re.compile(
 
 
 def described():
-    """(name, property) of every property of our groups and operators that an artist can see."""
-    for kind in [*ours(bpy.types.PropertyGroup), *ours(bpy.types.Operator)]:
+    """(name, property) of every property of our groups, preferences and operators that an artist can see."""
+    for kind in [*ours(bpy.types.PropertyGroup), *ours(bpy.types.AddonPreferences), *ours(bpy.types.Operator)]:
         rna = rna_of(kind.bl_idname) if issubclass(kind, bpy.types.Operator) else kind.bl_rna
         own = [inspect.get_annotations(base) for base in kind.__mro__ if base.__module__.startswith(ADDON)]
-        for name in sorted(set().union(*own)):
+        for name in sorted(set().union(*own) & set(rna.properties.keys())):
             if not rna.properties[name].is_hidden:
                 yield f"{kind.__name__}.{name}", rna.properties[name]
 
