@@ -14,6 +14,7 @@ import importlib.util
 import json
 import os
 import select
+import shutil
 import socket
 import struct
 import sys
@@ -74,11 +75,12 @@ def queue_size(length: int) -> int:
 class Node:
     """A hidraw node: any number of programs may have it open, each with a queue of its own."""
 
-    def __init__(self, folder: Path, number: int, link: Any, journal: Any) -> None:
+    def __init__(self, folder: Path, number: int, name: str, link: Any, journal: Any) -> None:
         self.path = folder / f"hidraw{number}"
-        self._link, self._log = link, journal
+        self._name, self._link, self._log = name, link, journal
         self._size = queue_size(link.report_length)
         self._programs: list[socket.socket] = []
+        self.sent = self.dropped = 0
         self._listener: socket.socket | None = None
         self._poll = select.poll()
         self.plug()
@@ -92,7 +94,8 @@ class Node:
         """The node appears."""
         link = self._link
         self.path.with_suffix(".descriptor").write_bytes(emulated.report_descriptor(link))
-        self.path.with_suffix(".id").write_text(f"3:{link.vendor:x}:{link.product:x}\n")
+        identity = f"HID_ID=0003:{link.vendor:08X}:{link.product:08X}\nHID_NAME={self._name}\nHID_UNIQ=\n"
+        self.path.with_suffix(".uevent").write_text(identity)
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
         self._listener.bind(str(self.path))
         self._listener.listen(8)
@@ -106,7 +109,7 @@ class Node:
             self._poll.unregister(self._listener)
             self._listener.close()
             self._listener = None
-        for file in (self.path, self.path.with_suffix(".id"), self.path.with_suffix(".descriptor")):
+        for file in (self.path, self.path.with_suffix(".uevent"), self.path.with_suffix(".descriptor")):
             file.unlink(missing_ok=True)
 
     def received(self, now: float) -> list[bytes]:
@@ -138,8 +141,10 @@ class Node:
         for program in list(self._programs):
             try:
                 program.send(report, socket.MSG_NOSIGNAL)
+                self.sent += 1
                 self._log.add(Kind.SENT, now, report)
             except BlockingIOError:
+                self.dropped += 1
                 self._log.add(Kind.DROPPED, now, report)
             except OSError:
                 self._drop(program)
@@ -169,13 +174,13 @@ class Server:
     def __init__(self, config: dict[str, Any]) -> None:
         self._folder = Path(config["folder"])
         profile = profiles.from_json(config["profile"])
-        link = next(link for link in profile.links if link.name == config["link"])
+        (link,) = profile.links
         script = config.get("script")
         intention = emulated.load_intention(Path(script)) if script else None
         hand = getattr(emulated.Hand, config.get("hand", "soft"))(intention)
         self.arm = emulated.EmulatedArm(profile, link, hand)
         self._log = log.Log()
-        self._node = Node(self._folder, int(config.get("number", 0)), link, self._log)
+        self._node = Node(self._folder, int(config.get("number", 0)), profile.name, link, self._log)
         self._log_states = bool(config.get("log_states", True))
         self._silent = False
         self._dropping = 0
@@ -183,6 +188,7 @@ class Server:
         self._stalled_until = 0.0
         self._late = 0
         self._plugged = True
+        self.fifo = False
 
     def run(self) -> None:
         """A report each millisecond, until stdin ends."""
@@ -288,7 +294,7 @@ class Server:
         self.arm.begin()
 
     def do_state(self) -> dict[str, Any]:
-        """The arm now, and how often the process was too late to catch up."""
+        """The arm now; reports that programs got, and that found a queue full; how often the process came too late."""
         arm = self.arm
         return {
             "position": arm.position,
@@ -297,6 +303,8 @@ class Server:
             "currents": arm.currents,
             "enabled": arm.enabled,
             "late": self._late,
+            "sent": self._node.sent,
+            "dropped": self._node.dropped,
             "open": self._node.is_open,
             "fifo": self.fifo,
         }
@@ -307,11 +315,10 @@ class Server:
         self._log.append_to(path)
         return {"log": str(path)}
 
-    fifo = False
-
     def close(self) -> None:
-        """Let go of the node."""
+        """Leave nothing behind: an owner that was killed cannot."""
         self._node.unplug()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
 
 def tell(answer: dict[str, Any]) -> None:
@@ -333,7 +340,7 @@ def main(wants: Callable[[], bytes]) -> int:
     config = json.loads(wants())
     try:
         server = Server(config)
-    except (OSError, ValueError, KeyError, StopIteration, AttributeError) as error:
+    except (OSError, ValueError, KeyError, AttributeError) as error:
         tell({"error": f"{type(error).__name__}: {error}"})
         return 1
     server.fifo = bool(config.get("fifo", True)) and go_first()

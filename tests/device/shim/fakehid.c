@@ -1,13 +1,15 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later */
 /* Preloaded into a program, this shows the devices of a folder as /dev/hidraw<N>: the calls that hidapi makes (and
  * Python's os.access) reach a socket there instead of a kernel driver. The folder is REPOUSSE_FAKEHID; in it are, of
- * each device, `hidraw<N>`: a SOCK_SEQPACKET socket, a packet a report; `hidraw<N>.descriptor`: its report descriptor;
- * `hidraw<N>.id`: "bus:vendor:product" in hexadecimal. `hidraw<N>.denied` stands for a node without permission.
+ * each device, `hidraw<N>`: a SOCK_SEQPACKET socket, a packet a report; `hidraw<N>.descriptor` and `hidraw<N>.uevent`:
+ * what the kernel says of it in /sys/class/hidraw/hidraw<N>/device/. `hidraw<N>.denied` stands for a node that may not
+ * be opened.
  *
- * Like linux/drivers/hid/hidraw.c: a write of a device that is gone fails with ENODEV, and so does its ioctl; a write of
- * less than two bytes or more than HID_MAX_BUFFER_SIZE with EINVAL.
+ * Like linux/drivers/hid/hidraw.c: a write of a device that is gone fails with ENODEV, and so does its ioctl; a write
+ * of less than two bytes or more than HID_MAX_BUFFER_SIZE with EINVAL.
  */
 #define _GNU_SOURCE
+#include "node.h"
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -24,10 +26,8 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#define FILES 4096
-#define DEVICE "/dev/hidraw"
-#define SYSTEM "/sys/class/hidraw/hidraw"
 #define DESCRIPTOR "/device/report_descriptor"
+#define UEVENT "/device/uevent"
 #define LARGEST_WRITE 16384 /* HID_MAX_BUFFER_SIZE of include/linux/hid.h */
 
 /* Number of the device that a file descriptor is, plus one; 0 for what is not ours. */
@@ -57,14 +57,14 @@ static int number(const char *path, const char *prefix, const char *suffix) {
     return value < FILES && !strcmp(end, suffix) ? (int)value : -1;
 }
 
-/* The file of device `n` in the folder; -1 with ENOENT when the name is too long. */
-static int file_of(int n, const char *suffix, char *path, size_t size) {
-    if (snprintf(path, size, "%s/hidraw%d%s", getenv("REPOUSSE_FAKEHID"), n, suffix) < (int)size) return 0;
+int file_of(int n, const char *suffix, char *path, size_t size) {
+    const char *folder = getenv("REPOUSSE_FAKEHID");
+    if (folder && snprintf(path, size, "%s/hidraw%d%s", folder, n, suffix) < (int)size) return 0;
     errno = ENOENT;
     return -1;
 }
 
-static int has(int n, const char *suffix) {
+int has(int n, const char *suffix) {
     char path[PATH_MAX];
     return !file_of(n, suffix, path, sizeof path) && !next_access(path, F_OK);
 }
@@ -104,6 +104,8 @@ static int any_open(const char *path, int flags, mode_t mode) {
     if ((n = number(path, DEVICE, "")) >= 0) return connect_to(n);
     if ((n = number(path, SYSTEM, DESCRIPTOR)) >= 0)
         return file_of(n, ".descriptor", file, sizeof file) ? -1 : next_open(file, flags, mode);
+    if ((n = number(path, SYSTEM, UEVENT)) >= 0)
+        return file_of(n, ".uevent", file, sizeof file) ? -1 : next_open(file, flags, mode);
     return next_open(path, flags, mode);
 }
 
@@ -133,7 +135,7 @@ static int gone(int descriptor) {
     return poll(&file, 1, 0) > 0 && file.revents & (POLLHUP | POLLERR);
 }
 
-static ssize_t contents(int n, const char *suffix, void *to, size_t size) {
+ssize_t contents(int n, const char *suffix, void *to, size_t size) {
     char path[PATH_MAX];
     ssize_t length = -1;
     int file;
@@ -162,7 +164,8 @@ static int answer(int descriptor, int n, unsigned long request, void *to) {
     }
     if (request == HIDIOCGRAWINFO) {
         unsigned bus, vendor, product;
-        if (contents(n, ".id", text, sizeof text - 1) < 0 || sscanf(text, "%x:%x:%x", &bus, &vendor, &product) != 3)
+        if (contents(n, ".uevent", text, sizeof text - 1) < 0 ||
+            sscanf(text, "HID_ID=%x:%x:%x", &bus, &vendor, &product) != 3)
             return -1;
         *(struct hidraw_devinfo *)to = (struct hidraw_devinfo){bus, (short)vendor, (short)product};
         return 0;

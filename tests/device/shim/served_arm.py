@@ -10,8 +10,11 @@ import sys
 import tempfile
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+from repousse.device.profile import DeviceProfile, Link, to_json
 
 from .build import library
 from .log import Entry, read_log
@@ -28,24 +31,24 @@ class ServedArmError(RuntimeError):
 class ServedArm:
     """An arm from ``with ServedArm(...)`` to its end, or from :meth:`start` to :meth:`stop`.
 
-    `profile` is as device.profile.to_json gives it and `link` the name of one of its links; `hand` "soft" or "firm",
-    `script` the path of an intention or None for the built-in one. ``log_states`` records the arm each millisecond.
-    With ``fifo`` its process goes before ordinary ones, where the system agrees.
+    `profile` is of an arm that can be emulated and `link` its controller, by default the profile's first; `hand` "soft"
+    or "firm", `script` the path of an intention or None for the built-in one. ``log_states`` records the arm each
+    millisecond. With ``fifo`` its process goes before ordinary ones, where the system agrees.
     """
 
     def __init__(
         self,
-        profile: Any,
-        link: str,
+        profile: DeviceProfile,
+        link: Link | None = None,
         hand: str = "soft",
         script: Path | None = None,
         number: int = 0,
         fifo: bool = True,
         log_states: bool = True,
     ) -> None:
+        link = link or profile.links[0]
         self._config = {
-            "profile": profile,
-            "link": link,
+            "profile": to_json(replace(profile, links=(link,))),
             "hand": hand,
             "script": None if script is None else str(script),
             "number": number,
