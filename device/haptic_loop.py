@@ -7,7 +7,7 @@ import json
 import subprocess
 import threading
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from . import child
@@ -171,7 +171,7 @@ class HapticLoop:
         self._order(clutch=held)
 
     def _order(self, **changes: Any) -> None:
-        self._request = replace(self._request, **changes)
+        self._request = self._request._replace(**changes)
         if self._memory is not None:
             self._memory.request.write(self._request)
 

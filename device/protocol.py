@@ -11,8 +11,9 @@ offset    what
 after     two histograms of 32-bit counters, written by the loop: its periods, and what it computes in one
 ========  ==========================================================================================================
 
-A payload has its class's fields in their order, native byte order: float as d, int, bool and IntEnum as q, a triple as
-3d. Nothing is ever unpickled, and a peer of another version or size is refused.
+A payload has its class's fields in native byte order: first the triples, 3d each, then the others, a float as d and an
+int, bool or IntEnum as q, both in the order of the class. Nothing is ever unpickled, and a peer of another version or
+size is refused.
 
 A record is being written while its sequence is odd. A reader that sees it odd or changed, or whose checksum does not
 fit (memory order is no promise of Python's), tries again, at most :data:`TRIES` times; then it goes on with the last
@@ -26,7 +27,6 @@ goes with its last handle.
 
 from __future__ import annotations
 
-import dataclasses
 import mmap
 import os
 import secrets
@@ -34,10 +34,10 @@ import struct
 import sys
 import tempfile
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Generic, TypeVar
+from itertools import chain
+from operator import itemgetter
+from typing import Generic, NamedTuple, TypeVar
 
 from .safety import Fault, State
 
@@ -67,8 +67,7 @@ class Coupling(IntEnum):
     LOCAL, INTERPOLATE = range(2)
 
 
-@dataclass(frozen=True, slots=True)
-class ForceModel:
+class ForceModel(NamedTuple):
     """The material around one pose: at x the force is clamp(stress + gradient . (x - position), 0, yield_stress) along
     ``normal``.
 
@@ -88,8 +87,7 @@ class ForceModel:
     damping: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(NamedTuple):
     """What the user wants. ``home``, ``arm`` and ``disarm`` count the orders given so far: a rise is an order.
 
     ``force_scale`` is from 0 to 1. While ``clutch`` is held the arm moves and the tool does not: no force.
@@ -103,8 +101,7 @@ class Request:
     clutch: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class ArmState:
+class ArmState(NamedTuple):
     """The arm at one period of the loop.
 
     ``time`` (perf_counter, seconds), ``tick`` (periods so far), ``position`` (m) and ``velocity`` (m/s) of the tip and
@@ -134,8 +131,7 @@ class ArmState:
     slope_granted: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
+class Figures(NamedTuple):
     """How the loop fares, told once in a while.
 
     ``rate`` in Hz over the last second, ``longest`` period in seconds so far, ``lost`` reports by the arm's own count,
@@ -162,54 +158,43 @@ class ProtocolError(RuntimeError):
     """The shared memory is not what this version expects; the text is one line."""
 
 
-T = TypeVar("T")
+T = TypeVar("T", bound=tuple)
 
 
 class Layout(Generic[T]):
-    """How one record class lies in memory."""
+    """How one record class lies in memory. Called each millisecond, so the work is done by tuples' own code."""
 
     def __init__(self, record: type[T]) -> None:
-        kinds = [type(field.default) for field in dataclasses.fields(record)]  # type: ignore[arg-type]
-        codes = ("3d" if kind is tuple else "d" if kind is float else "q" for kind in kinds)
-        self.struct = struct.Struct("=" + "".join(codes))
-        self.flatten: Callable[[Any], list[Any]] = _compiled(record, kinds)
-        self.build: Callable[..., T] = _builder(record, kinds)
+        kinds = [type(default) for default in record._field_defaults.values()]  # type: ignore[attr-defined]
+        triples = [index for index, kind in enumerate(kinds) if kind is tuple]
+        scalars = [index for index, kind in enumerate(kinds) if kind is not tuple]
+        codes = ("d" if kinds[index] is float else "q" for index in scalars)
+        self.struct = struct.Struct("=" + 3 * len(triples) * "d" + "".join(codes))
+        self._record, self._split = record, 3 * len(triples)
+        self._triples, self._scalars = itemgetter(*triples, triples[0]) if triples else None, itemgetter(*scalars)
+        self._order = itemgetter(*_inverse([*triples, *scalars]))
+        self._kinds = [(index, kinds[index]) for index in scalars if kinds[index] not in (float, int)]
+
+    def pack(self, values: T) -> bytes:
+        """The payload of a record."""
+        if self._triples is None:
+            return self.struct.pack(*values)
+        return self.struct.pack(*chain.from_iterable(self._triples(values)[:-1]), *self._scalars(values))
+
+    def unpack(self, payload: bytes) -> T:
+        """The record of a payload. Raises ValueError where a number names no member of an enumeration."""
+        flat, split = self.struct.unpack(payload), self._split
+        values = self._order((*zip(*[iter(flat[:split])] * 3), *flat[split:]))
+        if self._kinds:
+            values = list(values)
+            for index, kind in self._kinds:
+                values[index] = kind(values[index])
+        return self._record._make(values)  # type: ignore[attr-defined]
 
 
-def _compiled(record: type, kinds: list[type]) -> Callable[[Any], list[Any]]:
-    """A record's fields as a flat list, in their order."""
-    names = [field.name for field in dataclasses.fields(record)]
-    parts = [(name, kind is tuple) for name, kind in zip(names, kinds, strict=True)]
-
-    def flatten(values: Any) -> list[Any]:
-        flat: list[Any] = []
-        for name, is_triple in parts:
-            value = getattr(values, name)
-            if is_triple:
-                flat += value
-            else:
-                flat.append(value)
-        return flat
-
-    return flatten
-
-
-def _builder(record: type[T], kinds: list[type]) -> Callable[..., T]:
-    """A record from its flat values. Raises ValueError where a number names no member of an enumeration."""
-
-    def build(flat: tuple[Any, ...]) -> T:
-        values: list[Any] = []
-        at = 0
-        for kind in kinds:
-            if kind is tuple:
-                values.append(flat[at : at + 3])
-                at += 3
-            else:
-                values.append(flat[at] if kind in (float, int) else kind(flat[at]))
-                at += 1
-        return record(*values)
-
-    return build
+def _inverse(order: list[int]) -> list[int]:
+    """Where each index is in ``order``."""
+    return sorted(range(len(order)), key=order.__getitem__)
 
 
 class Record(Generic[T]):
@@ -228,7 +213,7 @@ class Record(Generic[T]):
     def write(self, values: T) -> None:
         """Publish ``values``."""
         sequence = self._sequence[0] | 1  # odd: also where a writer was killed before it was done
-        payload = self._layout.struct.pack(*self._layout.flatten(values))
+        payload = self._layout.pack(values)
         self._sequence[0] = sequence
         self._payload[:] = payload
         self._checksum[0] = zlib.crc32(payload, (sequence + 1) & 0xFFFFFFFF)
@@ -249,7 +234,7 @@ class Record(Generic[T]):
             whole = self._checksum[0] == zlib.crc32(payload, sequence & 0xFFFFFFFF)
             if whole and self._sequence[0] == sequence:
                 try:
-                    self._last = self._layout.build(self._layout.struct.unpack(payload))
+                    self._last = self._layout.unpack(payload)
                 except ValueError:  # a number that means nothing
                     break
                 self._seen = sequence

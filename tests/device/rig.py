@@ -104,7 +104,7 @@ class Rig:
         self.memory.close(last=True)
 
     def order(self, **changes):
-        self.request = Request(**{name: getattr(self.request, name) for name in Request.__slots__} | changes)
+        self.request = self.request._replace(**changes)
         self.memory.request.write(self.request)
 
     def feel(self, **model):
