@@ -44,9 +44,10 @@ def felt_force(
 ) -> Felt:
     """The force of a model on the tip at ``position`` (m), moving at ``velocity`` (m/s), at the time ``now`` (s).
 
-    Zero without a model or with one of nothing (scene 0), and with its fault where anything is no number. With ``LOCAL`` coupling an
-    ageing model never raises the force of an arm that is held. With ``INTERPOLATE``, the paper's, ``previous`` is where
-    the force comes from, and position does not count: it rises to the newest estimate, and no further.
+    Zero without a model or with one of nothing (scene 0), and with its fault where anything is no number. With
+    ``LOCAL`` coupling an ageing model never raises the force of an arm that is held. With ``INTERPOLATE``, the paper's,
+    ``previous`` is where the force comes from, and position does not count: it rises to the newest estimate, and no
+    further.
     """
     if model is None or model.scene == 0:
         return NOTHING
