@@ -24,7 +24,7 @@ from ..core.engine import Engine
 from ..core.surface import Hit
 from ..core.tool import Vector
 from ..device.fault import State, fault_text
-from .aim import Pointer, voxels_to_world
+from .aim import Aim, Pointer, voxels_to_world
 from .arm_hand import ENGAGED, SECOND, STYLUS, ArmHand, Line, StrokeHand, is_posed
 from .arm_place import Place, View, place_of, view_of
 from .session import Session, live
@@ -309,6 +309,7 @@ class ArmSession:
             return
         if held and not is_posed(state):
             raise ValueError("Home the arm first: it is not known where it is")
+        self.rest()
         if held:
             if self._stroke is not None:
                 self._stroke.hand.let_go()
