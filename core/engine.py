@@ -112,7 +112,7 @@ class Engine:
         self.mass_out = 0.0
         self.failure: BaseException | None = None
         self._stage = _Stage.NEW
-        self._threads: list[Thread] = []
+        self._threads: dict[str, Thread] = {}
         self._changes: list[Box | None] = [None for _ in push.contacts]
         self._touched: list[Box | None] = [None for _ in push.contacts]
         self._results = Lock()  # guards what a solve has led to
@@ -128,18 +128,19 @@ class Engine:
         """Start the threads."""
         if self._stage is not _Stage.NEW:
             raise RuntimeError("an engine runs one stroke: make another for the next")
-        works = [("collision", self._collide)]
+        works = {"collision": self._collide}
         if self.deform:
-            works.insert(0, ("deformation", self._deform))
+            works = {"deformation": self._deform} | works
             self.push.lift()
         else:
             self._poses.close()
         self._stage, self._began = _Stage.RUNNING, perf_counter()
         switching.hurry()
         try:
-            for name, work in works:
-                self._threads.append(Thread(target=self._guarded, args=(work,), name=f"repousse {name}", daemon=True))
-                self._threads[-1].start()
+            for name, work in works.items():
+                thread = Thread(target=self._guarded, args=(work,), name=f"repousse {name}", daemon=True)
+                self._threads[name] = thread
+                thread.start()
         except BaseException:
             self.cancel()
             raise
@@ -239,10 +240,11 @@ class Engine:
 
     def _end_threads(self) -> None:
         self._poses.close()
-        for thread in self._threads:  # the deformation first: it is felt to its end
+        for name, thread in self._threads.items():
+            if name == "collision":
+                self._stop.set()  # not before: the deformation is felt to its end
             if thread.ident is not None:
                 thread.join()
-            self._stop.set()
         if self._threads:
             self._threads.clear()
             switching.relax()

@@ -10,7 +10,6 @@ import functools
 import gc
 import sys
 import threading
-import time
 import tracemalloc
 import weakref
 from itertools import pairwise
@@ -40,48 +39,12 @@ from repousse.core import push as push_module
 from repousse.core.local_model import Feeler
 from repousse.core.push import LONGEST_STEP
 
+from .threads import PATIENCE, Gate, names, until
 from .volumes import half_space, in_frame, line
 
-PATIENCE = 30.0
-"""Seconds after which a thread that should have come is taken for lost."""
+pytestmark = pytest.mark.usefixtures("nothing_left")
+
 FOAM = Material(3.3, 0.1)
-
-
-def until(true):
-    """Wait until something is so."""
-    deadline, pause = time.monotonic() + PATIENCE, threading.Event()
-    while not true():
-        assert time.monotonic() < deadline, "waited in vain"
-        pause.wait(1e-3)
-
-
-class Gate:
-    """Holds whoever calls through it, from the ``number``-th call on, until it is opened."""
-
-    def __init__(self, number=1):
-        self.calls, self.number = 0, number
-        self.reached, self._open = threading.Event(), threading.Event()
-
-    def before(self, call):
-        def held(*args, **kwargs):
-            self.calls += 1
-            if self.calls >= self.number:
-                self.reached.set()
-                assert self._open.wait(PATIENCE)
-            return call(*args, **kwargs)
-
-        return held
-
-    def after(self, call):
-        def held(*args, **kwargs):
-            result = call(*args, **kwargs)
-            self.before(lambda: None)()
-            return result
-
-        return held
-
-    def open(self):
-        self._open.set()
 
 
 class Watched(Engine):
@@ -124,15 +87,6 @@ def foam():
 
 def pushing(tool=TOOL, **options):
     return Push(foam(), tool, Material(3.3, 0.1), **{"border": "wall"} | options)
-
-
-@pytest.fixture(autouse=True)
-def nothing_left():
-    """No thread and no switch interval survives any test here."""
-    interval = sys.getswitchinterval()
-    yield
-    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("repousse")]
-    assert sys.getswitchinterval() == interval
 
 
 class Unaware:
@@ -634,10 +588,6 @@ def test_an_error_of_the_collision_ends_the_stroke(monkeypatch):
         with pytest.raises(ZeroDivisionError, match="in the estimate"):
             running.finish()
     assert state_of(push) == before
-
-
-def names():
-    return sorted(thread.name for thread in threading.enumerate() if thread.name.startswith("repousse"))
 
 
 def test_two_engines_at_once():
