@@ -15,6 +15,8 @@ from . import kinematics
 from .profile import DeviceProfile
 
 Triple = tuple[float, float, float]
+Masses = tuple[float, float, float, float]
+"""M_aa, M_bb, M_cc and M_bc in kg m^2; the rest of the matrix is zero."""
 Pull = Callable[[float], tuple[Triple, Triple]]
 """Where a hand wants the tip at a time (s), and how fast that point moves: m and m/s."""
 
@@ -50,7 +52,8 @@ class Plant:
         self.friction: Triple = _ZERO
         self.hand_force: Triple = _ZERO
         """Of the hand on the tip, in N: at the middle of the last step."""
-        self._hand = (damping, stiffness)
+        self._grip = (damping, stiffness)
+        self._viscous, self._coulomb, self._gravity = plant.viscous, plant.coulomb, plant.gravity
         self._inertia = (
             plant.base_inertia + ra,
             plant.yaw_inertia[0] + mass * upper * upper,
@@ -59,7 +62,6 @@ class Plant:
             plant.link_inertia[0] + mass * upper * upper + rb,
             plant.link_inertia[1] + mass * fore * fore + rc,
         )
-        self._limits = (*profile.joint_limits, profile.difference_limits)
 
     def position(self) -> Triple:
         """Of the tip, in metres."""
@@ -71,8 +73,8 @@ class Plant:
         (xa, xb, xc), (ya, yb, yc), (za, zb, zc) = kinematics.jacobian(self.profile, self.angles)
         return xa * a + xb * b + xc * c, ya * a + yb * b + yc * c, za * a + zb * b + zc * c
 
-    def mass_matrix(self) -> tuple[float, float, float, float]:
-        """M_aa, M_bb, M_cc and M_bc in kg m^2, the hand's mass and the motors included; the rest is zero."""
+    def masses(self) -> Masses:
+        """The mass matrix, the hand's mass and the motors included."""
         base, yaw_b, yaw_c, coupling, link_b, link_c = self._inertia
         _, b, c = self.angles
         sin_b, sin_c = sin(b), sin(c)
@@ -81,7 +83,7 @@ class Plant:
 
     def kinetic_energy(self) -> float:
         """In joules."""
-        aa, bb, cc, bc = self.mass_matrix()
+        aa, bb, cc, bc = self.masses()
         a, b, c = self.rates
         return 0.5 * (aa * a * a + bb * b * b + cc * c * c) + bc * b * c
 
@@ -101,123 +103,130 @@ class Plant:
         a, b, c = self.angles
         ra, rb, rc = self.rates
         half = 0.5 * dt
+        ta, tb, tc = torques
         fa, fb, fc = self.friction
-        la, lb, lc, *_ = self._accelerations(self.angles, self.rates, torques, wanted, (fa, fb, fc))
+        (la, lb, lc), _ = self._accelerations(self.angles, self.rates, (ta + fa, tb + fb, tc + fc), wanted)
         middle = (a + half * ra, b + half * rb, c + half * rc)
         halfway = (ra + half * la, rb + half * lb, rc + half * lc)
-        la, lb, lc, aa, bb, cc, bc = self._accelerations(middle, halfway, torques, wanted, _ZERO)
+        (la, lb, lc), masses = self._accelerations(middle, halfway, torques, wanted)
         free = (ra + dt * la, rb + dt * lb, rc + dt * lc)
-        self.friction, (na, nb, nc) = self._rubbed(dt, free, aa, bb, cc, bc)
+        self.friction, (na, nb, nc) = rubbed(dt, free, masses, self._coulomb)
         self.rates = (na, nb, nc)
         self.angles = (a + half * (ra + na), b + half * (rb + nb), c + half * (rc + nc))
 
     def _accelerations(
-        self,
-        angles: Triple,
-        rates: Triple,
-        torques: Triple,
-        wanted: tuple[Triple, Triple] | None,
-        friction: Triple,
-    ) -> tuple[float, float, float, float, float, float, float]:
-        """Those of the joints (rad/s^2), then M_aa, M_bb, M_cc and M_bc."""
+        self, angles: Triple, rates: Triple, torques: Triple, wanted: tuple[Triple, Triple] | None
+    ) -> tuple[Triple, Masses]:
+        """Those of the joints (rad/s^2) under these torques, friction, gravity, hand and stops; and the masses."""
         base, yaw_b, yaw_c, coupling, bb, cc = self._inertia
-        plant = self.profile.emulated
-        assert plant is not None
-        a, b, c = angles
+        _, b, c = angles
         ra, rb, rc = rates
-        va, vb, vc = plant.viscous
-        gb, gc = plant.gravity
+        ta, tb, tc = torques
+        va, vb, vc = self._viscous
+        gb, gc = self._gravity
         sin_b, cos_b, sin_c, cos_c = sin(b), cos(b), sin(c), cos(c)
-        ta = torques[0] + friction[0] - va * ra
-        tb = torques[1] + friction[1] - vb * rb + gb * sin_b
-        tc = torques[2] + friction[2] - vc * rc - gc * sin_c
         if wanted:
-            (px, py, pz), (vx, vy, vz) = wanted
-            ground, upper, fore = self.profile.lengths
-            ox, oy, oz = self.profile.origin
-            damping, stiffness = self._hand
-            sin_a, cos_a = sin(a), cos(a)
-            reach = upper * sin_b + fore * sin_c
-            height = ground + upper * cos_b - fore * cos_c
-            outward = upper * cos_b * rb + fore * cos_c * rc
-            upward = fore * sin_c * rc - upper * sin_b * rb
-            around = reach * ra
-            fx = stiffness * (px + ox - cos_a * reach) + damping * (vx - cos_a * outward + sin_a * around)
-            fy = stiffness * (py + oy - sin_a * reach) + damping * (vy - sin_a * outward - cos_a * around)
-            fz = stiffness * (pz + oz - height) + damping * (vz - upward)
-            self.hand_force = (fx, fy, fz)
-            forward = cos_a * fx + sin_a * fy
-            ta += reach * (cos_a * fy - sin_a * fx)
-            tb += upper * (cos_b * forward - sin_b * fz)
-            tc += fore * (cos_c * forward + sin_c * fz)
-        (a0, a1), (b0, b1), (c0, c1), (d0, d1) = self._limits
-        d = 1.5707963267948966 - b - c
-        if not (a0 <= a <= a1 and b0 <= b <= b1 and c0 <= c <= c1 and d0 <= d <= d1):
-            ta += _stop(a, ra, a0, a1)
-            elbow = _stop(d, -rb - rc, d0, d1)
-            tb += _stop(b, rb, b0, b1) - elbow
-            tc += _stop(c, rc, c0, c1) - elbow
-        aa = base + yaw_b * sin_b * sin_b + yaw_c * sin_c * sin_c + 2.0 * coupling * sin_b * sin_c
+            ha, hb, hc = self._pulled(angles, rates, wanted)
+            ta, tb, tc = ta + ha, tb + hb, tc + hc
+        if kinematics.beyond_limits(self.profile, angles) > 0.0:
+            sa, sb, sc = self._stopped(angles, rates)
+            ta, tb, tc = ta + sa, tb + sb, tc + sc
         # Half of what M_aa changes by with tB and tC: it slows the turn, and throws B and C outward.
         by_b = cos_b * (yaw_b * sin_b + coupling * sin_c)
         by_c = cos_c * (yaw_c * sin_c + coupling * sin_b)
+        aa = base + yaw_b * sin_b * sin_b + yaw_c * sin_c * sin_c + 2.0 * coupling * sin_b * sin_c
         bc, turned = coupling * cos(b + c), coupling * sin(b + c)
-        tb += ra * ra * by_b + turned * rc * rc
-        tc += ra * ra * by_c + turned * rb * rb
-        of_pair = 1.0 / (bb * cc - bc * bc)
+        ta -= va * ra + 2.0 * ra * (by_b * rb + by_c * rc)
+        tb += gb * sin_b - vb * rb + ra * ra * by_b + turned * rc * rc
+        tc -= gc * sin_c + vc * rc - ra * ra * by_c - turned * rb * rb
+        share = 1.0 / (bb * cc - bc * bc)
+        return (ta / aa, (cc * tb - bc * tc) * share, (bb * tc - bc * tb) * share), (aa, bb, cc, bc)
+
+    def _pulled(self, angles: Triple, rates: Triple, wanted: tuple[Triple, Triple]) -> Triple:
+        """The torques of the hand: its spring and damper act between the tip and the point that it wants."""
+        ground, upper, fore = self.profile.lengths
+        ox, oy, oz = self.profile.origin
+        damping, stiffness = self._grip
+        (px, py, pz), (vx, vy, vz) = wanted
+        a, b, c = angles
+        ra, rb, rc = rates
+        sin_a, cos_a, sin_b, cos_b, sin_c, cos_c = sin(a), cos(a), sin(b), cos(b), sin(c), cos(c)
+        reach, height = upper * sin_b + fore * sin_c, ground + upper * cos_b - fore * cos_c
+        around, outward = reach * ra, upper * cos_b * rb + fore * cos_c * rc
+        upward = fore * sin_c * rc - upper * sin_b * rb
+        fx = stiffness * (px + ox - cos_a * reach) + damping * (vx - cos_a * outward + sin_a * around)
+        fy = stiffness * (py + oy - sin_a * reach) + damping * (vy - sin_a * outward - cos_a * around)
+        fz = stiffness * (pz + oz - height) + damping * (vz - upward)
+        self.hand_force = (fx, fy, fz)
+        forward = cos_a * fx + sin_a * fy
         return (
-            (ta - 2.0 * ra * (by_b * rb + by_c * rc)) / aa,
-            (cc * tb - bc * tc) * of_pair,
-            (bb * tc - bc * tb) * of_pair,
-            aa,
-            bb,
-            cc,
-            bc,
+            reach * (cos_a * fy - sin_a * fx),
+            upper * (cos_b * forward - sin_b * fz),
+            fore * (cos_c * forward + sin_c * fz),
         )
 
-    def _rubbed(self, dt: float, free: Triple, aa: float, bb: float, cc: float, bc: float) -> tuple[Triple, Triple]:
-        """Coulomb friction over a step that would end with the rates `free` without it, and the rates with it.
+    def _stopped(self, angles: Triple, rates: Triple) -> Triple:
+        """The torques of the mechanical stops."""
+        a, b, c = angles
+        ra, rb, rc = rates
+        limits = self.profile.joint_limits
+        elbow = _stop(kinematics.elbow_difference(angles), -rb - rc, self.profile.difference_limits)
+        return _stop(a, ra, limits[0]), _stop(b, rb, limits[1]) - elbow, _stop(c, rc, limits[2]) - elbow
 
-        Each joint's friction is what stops it, or else its Coulomb torque against its motion (the discrete form of
-        Coulomb's law; exact for the two joints that are coupled).
-        """
-        plant = self.profile.emulated
-        assert plant is not None
-        la, lb, lc = plant.coulomb
-        ra, rb, rc = free
-        fa = _clamped(-aa * ra / dt, la)
-        fb, fc = -(bb * rb + bc * rc) / dt, -(bc * rb + cc * rc) / dt
-        if -lb <= fb <= lb and -lc <= fc <= lc:
-            return (fa, fb, fc), (ra + dt * fa / aa, 0.0, 0.0)
-        step = dt / (bb * cc - bc * bc)
-        wbb, wcc, wbc = cc * step, bb * step, -bc * step
-        # One slides at least. Which, and to which side, is what agrees with itself; the likeliest is tried first.
-        for gb in (-lb if rb > 0.0 else lb, -lb if rb <= 0.0 else lb):
-            fc = _clamped(-(rc + wbc * gb) / wcc, lc)
-            if (rb + wbb * gb + wbc * fc) * gb <= 0.0:
-                fb = gb
-                break
-        else:
-            for gc in (-lc if rc > 0.0 else lc, -lc if rc <= 0.0 else lc):
-                fb = _clamped(-(rb + wbc * gc) / wbb, lb)
-                fc = gc
-                if (rc + wbc * fb + wcc * gc) * gc <= 0.0:
-                    break
-        rates = (ra + dt * fa / aa, rb + wbb * fb + wbc * fc, rc + wbc * fb + wcc * fc)
-        # What friction has stopped is at rest, not nearly so: otherwise rounding would keep it creeping.
-        return (fa, fb, fc), (
-            rates[0] if abs(fa) >= la else 0.0,
-            rates[1] if abs(fb) >= lb else 0.0,
-            rates[2] if abs(fc) >= lc else 0.0,
-        )
+
+def rubbed(dt: float, free: Triple, masses: Masses, limits: Triple) -> tuple[Triple, Triple]:
+    """Coulomb friction over a step that would end with the rates `free` without it, and the rates with it.
+
+    Each joint's friction (N m) is what stops it, or else its limit against its motion: the discrete form of Coulomb's
+    law, exact for the two joints that are coupled.
+    """
+    aa, bb, cc, bc = masses
+    la, lb, lc = limits
+    ra, rb, rc = free
+    fa = _clamped(-aa * ra / dt, la)
+    fb, fc = -(bb * rb + bc * rc) / dt, -(bc * rb + cc * rc) / dt
+    share = dt / (bb * cc - bc * bc)
+    if not (-lb <= fb <= lb and -lc <= fc <= lc):
+        fb, fc = _sliding_pair((rb, rc), (share * cc, share * bb, -share * bc), (lb, lc))
+    return (fa, fb, fc), (
+        _left(ra + dt * fa / aa, fa, la),
+        _left(rb + share * (cc * fb - bc * fc), fb, lb),
+        _left(rc + share * (bb * fc - bc * fb), fc, lc),
+    )
+
+
+def _sliding_pair(free: tuple[float, float], moved: Triple, limits: tuple[float, float]) -> tuple[float, float]:
+    """The friction of two coupled joints of which one slides at least; `moved`: what 1 N m at b moves b, at c moves c,
+    and at one moves the other.
+
+    Which of them slides, and to which side, is what agrees with itself; the likeliest is tried first.
+    """
+    rb, rc = free
+    bb, cc, bc = moved
+    lb, lc = limits
+    for fb in (-lb, lb) if rb > 0.0 else (lb, -lb):
+        fc = _clamped(-(rc + bc * fb) / cc, lc)
+        if (rb + bb * fb + bc * fc) * fb <= 0.0:
+            return fb, fc
+    for fc in (-lc, lc) if rc > 0.0 else (lc, -lc):
+        fb = _clamped(-(rb + bc * fc) / bb, lb)
+        if (rc + bc * fb + cc * fc) * fc <= 0.0:
+            return fb, fc
+    return fb, fc  # never but for rounding
+
+
+def _left(rate: float, friction: float, limit: float) -> float:
+    """A rate, or none where friction has stopped it: with what rounding leaves it would creep."""
+    return rate if abs(friction) >= limit and rate * friction <= 0.0 else 0.0
 
 
 def _clamped(value: float, limit: float) -> float:
     return limit if value > limit else -limit if value < -limit else value
 
 
-def _stop(angle: float, rate: float, low: float, high: float) -> float:
+def _stop(angle: float, rate: float, limits: tuple[float, float]) -> float:
     """The torque of a mechanical stop: it pushes back, and never holds."""
+    low, high = limits
     if angle > high:
         return min(0.0, -STOP_STIFFNESS * (angle - high) - STOP_DAMPING * rate)
     if angle < low:
