@@ -24,7 +24,7 @@ from ..core.engine import Engine
 from ..core.surface import Hit
 from ..core.tool import Vector
 from ..device.fault import State, fault_text
-from .aim import Aim, Pointer, voxels_to_world
+from .aim import Pointer, voxels_to_world
 from .arm_hand import ENGAGED, SECOND, STYLUS, ArmHand, Line, StrokeHand, is_posed
 from .arm_place import Place, View, place_of, view_of
 from .session import Session, live
@@ -123,10 +123,18 @@ def watch() -> float | None:
         return None
     try:
         _arm.look()
+    except GoneError as error:
+        close_arm(str(error))
     except Exception as error:
         close_arm(f"The arm was disconnected: {error}")
+    if _arm is None:
         _redraw("UI", "WINDOW")
-    return TICK if _arm is not None else None
+        return None
+    return TICK
+
+
+class GoneError(RuntimeError):
+    """The arm's loop has ended; the text is one line."""
 
 
 class ArmSession:
@@ -181,10 +189,10 @@ class ArmSession:
     def look(self) -> None:
         """Once in a while: see that the right thing is felt, follow the tool, and begin a stroke when one is wanted.
 
-        Raises RuntimeError with one line when the loop has ended.
+        Raises GoneError when the loop has ended.
         """
         if not self.loop.running:
-            raise RuntimeError(self.loop.failure or "its loop has ended")
+            raise GoneError(self.loop.failure or "The arm's loop has ended: connect again")
         state, wanted, session = self.state, arm_settings(bpy.context), live()
         self._scale_force(wanted.force_scale)
         self._ask_second_button(state)

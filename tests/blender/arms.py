@@ -1,16 +1,43 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """An arm for tests: a loop without a subprocess, whose poses and faults are the test's own, and waiting for threads."""
 
+import threading
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 import bpy
+import numpy as np
 
-from repousse.device.fault import Fault, State
+from repousse.core import Material, Push, SphereTool
+from repousse.core.engine import Engine
+from repousse.device.fault import State
+from repousse.device.profile import builtin_profiles
 from repousse.device.protocol import ArmState
-from repousse.operators import arm_session
+from repousse.operators import arm_session, session
+from repousse.operators.aim import Aim, voxels_to_world
 
 ADDON = "bl_ext.user_default.repousse"
+PROFILE = replace(builtin_profiles()["phantom-premium-1.5"], buttons=2)
+REACH = PROFILE.workspace_radius
+EDGE = 1.2 / 24
+"""Of a voxel, in world units: the block of clay is 1.2 wide, and the arm's reach half of that."""
+METRE = 0.6 / REACH
+"""World units to a metre of the arm."""
+TOP = 0.6
+"""World z of the clay's top."""
+
+
+def at(x, y, z):
+    """A place of the world, as one of the arm: it sits before the object, and its x comes towards the user, -y."""
+    cx, cy, cz = PROFILE.workspace_centre
+    return cx - y / METRE, cy + x / METRE, cz + z / METRE
+
+
+TOUCHING = at(0.0, 0.0, TOP + 1.0 * EDGE)
+"""A tool of four voxels is a little in the top of the clay there."""
+AIR = at(0.0, 0.0, TOP + 8.0 * EDGE)
+"""It is out of the clay there."""
 
 
 class FakeLoop:
@@ -97,4 +124,35 @@ def until(condition, what, limit=10.0):
         time.sleep(0.002)
 
 
-__all__ = ["ADDON", "FakeLoop", "Fault", "State", "preferences", "preferring", "until"]
+def small_tool(voxels=4.0):
+    """A radius in pixels under which the arm's tool has about so many voxels."""
+    view = arm_session.view_of(bpy.context, session.live())
+    aim = Aim.of(view.region, view.eye, np.eye(4))
+    bpy.context.scene.repousse.radius = round(voxels * EDGE / aim.length((0.0, 0.0, 0.0), 1.0))
+
+
+def threads():
+    return {thread.name for thread in threading.enumerate() if thread.name.startswith("repousse")} - {"repousse hash"}
+
+
+def take(arm, obj):
+    """What the operator does when the stylus is pressed."""
+    live = session.live()
+    held = arm.take_up(live, voxels_to_world(obj, live))
+    push = Push(live.grid, SphereTool(held.radius), Material())
+    engine = Engine(push, hand=held.hand)
+    held.attach(engine)
+    live.feeling = None
+    engine.start()
+    live.engine = engine
+    return held, engine
+
+
+def commit(obj, engine):
+    """What the operator does when all is solved."""
+    live = session.live()
+    samples = engine.finish()
+    live.commit(obj, [session.in_array(box, engine.push.origin) for box in engine.touched], engine.mass_out)
+    live.engine = None
+    bpy.ops.ed.undo_push(message="Sculpt")
+    return samples

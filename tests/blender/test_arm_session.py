@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """An arm in Blender: what it feels, when a scene is another one, how its strokes end, and that nothing outlives it."""
 
-import threading
 import time
 from dataclasses import replace
 
@@ -13,19 +12,27 @@ from repousse.core import Material, Push, SphereTool, Stroke
 from repousse.core.engine import Engine
 from repousse.core.stroke import Sample
 from repousse.device.fault import Fault, State, fault_text
-from repousse.device.profile import builtin_profiles
 from repousse.operators import arm_hand, arm_mapping, arm_session, session
-from repousse.operators.aim import voxels_to_world
+from repousse.operators.aim import Aim
 
-from .arms import FakeLoop, preferring, until
+from .arms import (
+    AIR,
+    EDGE,
+    PROFILE,
+    REACH,
+    TOP,
+    TOUCHING,
+    FakeLoop,
+    at,
+    commit,
+    preferences,
+    preferring,
+    small_tool,
+    take,
+    threads,
+    until,
+)
 from .sculpting import file_of, in_file, new_clay, same, stroke, the
-
-PROFILE = replace(builtin_profiles()["phantom-premium-1.5"], buttons=2)
-REACH = PROFILE.workspace_radius
-EDGE = 1.2 / 24
-"""Of a voxel, in world units: the block of clay is 1.2 wide, and the arm's reach half of that."""
-METRE = 0.6 / REACH
-"""World units to a metre of the arm."""
 
 
 @pytest.fixture(autouse=True)
@@ -54,25 +61,6 @@ def arm(clay, loop):
     return arm_session.open_arm(loop, PROFILE)
 
 
-def small_tool(voxels=4.0):
-    """A radius in pixels under which the arm's tool has about so many voxels."""
-    view = arm_session.view_of(bpy.context, session.live())
-    aim = arm_session.Aim.of(view.region, view.eye, np.eye(4))
-    bpy.context.scene.repousse.radius = round(voxels * EDGE / aim.length((0.0, 0.0, 0.0), 1.0))
-
-
-def at(x, y, z):
-    """A place of the world, as one of the arm: it sits before the object, and its x comes towards the user, -y."""
-    cx, cy, cz = PROFILE.workspace_centre
-    return cx - y / METRE, cy + x / METRE, cz + z / METRE
-
-
-TOP = 0.6
-TOUCHING = at(0.0, 0.0, TOP + 1.0 * EDGE)
-"""A tool of four voxels is a little in the top of the clay there."""
-AIR = at(0.0, 0.0, TOP + 8.0 * EDGE)
-
-
 def feels(loop, scene=None):
     """Whether the loop was told of a contact last, of this scene."""
     model = loop.model
@@ -84,23 +72,6 @@ def engage(loop, place=TOUCHING):
     loop.put(place, state=State.RUN, ramp=1.0)
     until(lambda: loop.model is not None, "a model to be sent")
     return loop.model.scene
-
-
-def threads():
-    return {thread.name for thread in threading.enumerate() if thread.name.startswith("repousse")} - {"repousse hash"}
-
-
-def take(arm, obj):
-    """What the operator does when the stylus is pressed."""
-    live = session.live()
-    held = arm.take_up(live, voxels_to_world(obj, live))
-    push = Push(live.grid, SphereTool(held.radius), Material())
-    engine = Engine(push, hand=held.hand)
-    held.attach(engine)
-    live.feeling = None
-    engine.start()
-    live.engine = engine
-    return held, engine
 
 
 def press(loop, arm, obj, way):
@@ -118,16 +89,6 @@ def solved(engine, held, loop):
     there = held.hand.mapping.position(loop.state().position)
     done = engine.solved
     return bool(done) and np.linalg.norm(np.subtract(done[-1].position, there)) < 0.1
-
-
-def commit(obj, engine):
-    """What the operator does when all is solved."""
-    live = session.live()
-    samples = engine.finish()
-    live.commit(obj, [session.in_array(box, engine.push.origin) for box in engine.touched], engine.mass_out)
-    live.engine = None
-    bpy.ops.ed.undo_push(message="Sculpt")
-    return samples
 
 
 INTO = [at(0.0, 0.0, TOP + depth * EDGE) for depth in (2.0, 1.0, 0.0, -1.0)]
@@ -223,9 +184,9 @@ def change(event, arm, loop, clay):
     elif event == "other object":
         session.open_session(new_clay(name="Other"))
     elif event == "workspace":
-        arm_session.bpy.context.preferences.addons[arm_session.ROOT].preferences.workspace_scale = 1.1
+        preferences().workspace_scale = 1.1
     elif event == "axes":
-        arm_session.bpy.context.preferences.addons[arm_session.ROOT].preferences.axes = "VIEW"
+        preferences().axes = "VIEW"
     elif event == "clutch":
         arm.set_clutch(True)
         arm.set_clutch(False)
@@ -325,7 +286,7 @@ def test_the_arm_moves_as_one_sees_it(arm, loop, clay):
     """Up is up in the view, at the part of the view that the hand has gone of its reach."""
     with preferring(axes="VIEW", workspace_scale=0.5):
         view = arm_session.view_of(bpy.context, session.live())
-        aim = arm_session.Aim.of(view.region, view.eye, np.eye(4))
+        aim = Aim.of(view.region, view.eye, np.eye(4))
         half = min(view.region.width, view.region.height) / 2.0
         centre = (aim.to_clip @ (*view.eye.view_location, 1.0))[:2] / (aim.to_clip @ (*view.eye.view_location, 1.0))[3]
         for away, wanted in (
