@@ -14,7 +14,7 @@ cpp/src/PhantomModel.cpp in mahilab/Phantom, q1 = tA, q2 = pi/2 - tB and q3 = tC
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import acos, atan2, cos, hypot, pi, remainder, sin, tau
+from math import acos, atan2, cos, hypot, pi, sin
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ def beyond_limits(profile: DeviceProfile, angles: Triple) -> float:
 def angles_of(profile: DeviceProfile, point: Triple) -> Triple:
     """The inverse of position, with the elbow above the line from shoulder to tip and the tip in front of the axis.
 
-    Where an angle has no one value, that nearest to the middle of its limits. ValueError for a point that no pose of
-    the arm, whatever its limits, brings the tip to.
+    tA and tB are within half a turn of zero. ValueError for a point that no pose of the arm brings the tip to, whatever
+    its limits.
     """
     base, upper, fore = profile.lengths
     ox, oy, oz = profile.origin
@@ -79,16 +79,7 @@ def angles_of(profile: DeviceProfile, point: Triple) -> Triple:
     elbow = acos(fold)  # tB + tC
     along, across = upper - fore * fold, fore * sin(elbow)
     b = atan2(along * reach - across * height, across * reach + along * height)
-    return (
-        _nearest(atan2(y, x), profile.joint_limits[0]),
-        _nearest(b, profile.joint_limits[1]),
-        _nearest(elbow - b, profile.joint_limits[2]),
-    )
-
-
-def _nearest(angle: float, limits: tuple[float, float]) -> float:
-    middle = 0.5 * (limits[0] + limits[1])
-    return middle + remainder(angle - middle, tau)
+    return atan2(y, x), b, elbow - b
 
 
 def jacobian(profile: DeviceProfile, angles: Triple) -> Rows:

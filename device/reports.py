@@ -56,7 +56,7 @@ def decode(link: Link, data: bytes | Sequence[int]) -> Report:
     if len(data) != link.report_length:
         raise ValueError(f"a report of {len(data)} bytes came, {link.name} sends {link.report_length}")
     if link.layout == "protocol-2":
-        a, b, c, d, _, f, info = _PROTOCOL_2.unpack_from(bytes(data))
+        a, b, c, d, _, f, info = _PROTOCOL_2.unpack_from(bytes(data[: _PROTOCOL_2.size]))
         counts, button, calibrate = (a, b, c), d > _BUTTON, info == 1
         counter = f & 0xFFFF if link.counted else None
     elif link.layout == "protocol-1":
@@ -73,12 +73,11 @@ def encode_currents(link: Link, amperes: Triple) -> bytes:
     ValueError where one is not finite or over the link's ``firmware_current_limit``: some firmware then drops to zero,
     other takes anything. The loop's limits are lower; this is the last door.
     """
-    milliamperes = []
-    for ampere in amperes:
-        if not abs(ampere) <= link.firmware_current_limit:  # written so that NaN fails too
-            raise ValueError(f"a current of {ampere:g} A is over the {link.firmware_current_limit:g} A of {link.name}")
-        milliamperes.append(round(ampere * 1000.0))
-    a, b, c = milliamperes
+    a, b, c = amperes
+    most = link.firmware_current_limit
+    if not (abs(a) <= most and abs(b) <= most and abs(c) <= most):  # written so that NaN fails too
+        raise ValueError(f"a current of {a:g}, {b:g} or {c:g} A is over the {most:g} A of {link.name}")
+    a, b, c = round(a * 1000.0), round(b * 1000.0), round(c * 1000.0)
     if link.layout == "protocol-2":
         return _padded(link, _PROTOCOL_2.pack(a, b, c, _CURRENTS, 0, 0, 0))
     if link.layout == "protocol-1":

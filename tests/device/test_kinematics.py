@@ -93,6 +93,12 @@ def test_counts_and_angles_undo_each_other(arm, counts):
     assert kinematics.counts_of(arm, kinematics.joint_angles(arm, counts)) == pytest.approx(counts, abs=1e-6)
 
 
+def test_angle_offsets_are_where_the_counts_are_zero():
+    arm = replace(the("woodenhaptics-2015"), angle_offset=(0.1, 0.2, 0.3))
+    assert kinematics.joint_angles(arm, (0, 0, 0)) == (0.1, 0.2, 0.3)
+    assert kinematics.counts_of(arm, (0.1, 0.2, 0.3)) == (0.0, 0.0, 0.0)
+
+
 @each_arm
 @given(ball=inside)
 def test_the_whole_workspace_is_within_reach_and_limits(arm, ball):
@@ -105,7 +111,7 @@ def test_the_whole_workspace_is_within_reach_and_limits(arm, ball):
 
 @given(a=st.floats(-1.5, 1.5), upper=st.floats(-2.0, 2.0), difference=st.floats(-0.95, 1.13))
 def test_every_pose_in_the_limits_is_found_from_its_position(a, upper, difference):
-    """Of the PHANToM Premium, whose limits reach round further than one turn of atan2. Not behind its own axis."""
+    """Of the PHANToM Premium, but for those behind its own axis."""
     arm = the("phantom-premium-1.5")
     angles = (a, pi / 2 - upper, upper - difference)
     reach = arm.lengths[1] * cos(upper) + arm.lengths[2] * sin(angles[2])
