@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import ceil, dist, isfinite
+from math import ceil, dist, inf, isfinite
 from threading import Condition
 
 from .push import LONGEST_STEP
@@ -65,14 +65,15 @@ class Poses:
         jump = former is not None and dist(former.sample.position, sample.position) > 2.0 * tool.radius
         with self._news:
             self.newest = Pose(sample, tool, jump)
-            if not self._closed and (not self._coalesced or self._worth_a_solve(sample)):
+            if not self._closed and (not self._coalesced or self._moved(sample) >= LEAST_MOVE):
                 self._let_wait(self.newest)
 
-    def _worth_a_solve(self, sample: Sample) -> bool:
+    def _moved(self, sample: Sample) -> float:
+        """Voxels from the last pose that waited; a tool that has itself changed is nowhere near it."""
         last = self._last
         if last is None or (last.radius, last.strength) != (sample.radius, sample.strength):
-            return True
-        return dist(last.position, sample.position) >= LEAST_MOVE
+            return inf
+        return dist(last.position, sample.position)
 
     def _let_wait(self, pose: Pose) -> None:
         if self._coalesced and self._waiting:
@@ -98,7 +99,7 @@ class Poses:
     def close(self) -> None:
         """No more poses will wait. The newest is the last, however near to the one before."""
         with self._news:
-            if not self._closed and self.newest is not None and self.newest.sample is not self._last:
+            if not self._closed and self.newest is not None and self._moved(self.newest.sample) > 0.0:
                 self._let_wait(self.newest)
             self._closed = True
             self._news.notify_all()

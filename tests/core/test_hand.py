@@ -101,7 +101,7 @@ def test_a_hand_at_rest_feels_its_contact(kernels):
         for place in INTO:
             hand.go(place)
             there(running, place)
-        until(lambda: hand.felt[-1].epoch == running.push.epoch and hand.felt[-1].position == INTO[-1])
+        until(lambda: hand.felt and hand.felt[-1].epoch == running.push.epoch and hand.felt[-1].position == INTO[-1])
         assert running.contact.regime is Regime.PLASTIC
         assert hand.felt[-1].stress == pytest.approx(running.contact.stress, rel=1e-5)
         assert hand.felt[-1].yield_stress == pytest.approx(running.contact.yield_stress, rel=1e-5)
@@ -293,6 +293,16 @@ def test_the_last_pose_is_solved_and_no_more_are():
     replayed.move_to(INTO[-1])
     replayed.move_to(last)
     assert state_of(push) == state_of(replayed)
+
+
+def test_a_pose_that_is_solved_is_not_solved_again():
+    """Not when it is given once more, nor when it is the last."""
+    hand = Held(*INTO[-1])
+    with Engine(pushing(), hand=hand) as running:
+        there(running, INTO[-1])
+        hand.go(INTO[-1])
+        hand.asked()
+        assert len(running.finish()) == 1
 
 
 def test_finish_solves_the_last_pose(monkeypatch):
