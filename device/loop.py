@@ -80,7 +80,8 @@ class Loop:
         self._buttons = 0
         self._given = _ZERO  # the currents that were written last
         self._homing_until = 0.0
-        self._number: int | None = None
+        self._number: int | None = None  # of the last report, and how many were passed over until then
+        self._passed_over = 0
         self._lost = 0
         self._tick = 0
         self._longest = 0.0
@@ -169,7 +170,8 @@ class Loop:
         except ValueError:
             self._fail(Fault.WRONG_REPORT, now)
             return False
-        self._count_lost(report.counter)
+        if report.counter is not None:
+            self._count_lost(report.counter)
         self._reported = now
         homing = self._homing_until > 0.0
         if self._totals is None or homing:
@@ -213,11 +215,12 @@ class Loop:
         else:
             self._velocity = _ZERO
 
-    def _count_lost(self, number: int | None) -> None:
-        """Reports that are missing by the arm's own 16-bit count."""
-        if number is not None and self._number is not None:
-            self._lost += (number - self._number - 1) & 0xFFFF
-        self._number = number
+    def _count_lost(self, number: int) -> None:
+        """Reports that are missing by the arm's own 16-bit count, and were not merely passed over for a newer one."""
+        superseded = self._wire.superseded
+        if self._number is not None:
+            self._lost += ((number - self._number - 1) & 0xFFFF) - (superseded - self._passed_over)
+        self._number, self._passed_over = number, superseded
 
     def _answer(self, now: float, dt: float) -> Triple:
         """The motor currents that render the local model here, within every limit."""
@@ -234,6 +237,8 @@ class Loop:
             self._request.coupling,
         )
         self._felt = felt
+        if felt.fault:
+            self._fail(felt.fault, now)
         scene = 0 if self._request.clutch else model.scene
         self._status = safety.rendered(self._status, self._limits, now, dt, model.time, scene, felt.force)
         currents = kinematics.currents(self._profile, self._angles, self._status.force)
