@@ -70,9 +70,13 @@ class Engaged:
         self.loop.home()
         self.until(lambda state: state.state is State.HOMED)
         self.loop.arm()
-        self.until(lambda state: state.state is State.RUN)
-        self.model = self.model._replace(stress=FORCE)
-        self.until(lambda state: state.ramp == 1.0 and hypot(*state.force) > 0.99 * FORCE)
+        self.until(self._is_full)
+
+    def _is_full(self, state):
+        """Whether the whole force is on. A busy machine may have stalled the loop or us meanwhile: then it waits for a
+        small force again."""
+        self.model = self.model._replace(stress=FORCE if state.state is State.RUN else 0.0)
+        return state.ramp == 1.0 and hypot(*state.force) > 0.99 * FORCE
 
 
 def main():
