@@ -46,8 +46,7 @@ STATE_ICONS = ("UNLINKED", "LINKED", "HOME", "PAUSE", "PLAY", "CANCEL")
 
 class REPOUSSE_PT_arm(InSidebar, bpy.types.Panel):
     bl_label = "Arm"
-    bl_parent_id = "REPOUSSE_PT_volume"
-    bl_order = 6
+    bl_order = 1
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header_preset(self, _context):

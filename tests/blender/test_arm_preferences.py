@@ -164,6 +164,8 @@ def test_blender_does_not_wait_for_a_look(hidapi, preferences):
     paper = shown(preferences)
     assert "Looking for arms" in paper.texts and "repousse.arm_refresh" not in paper.operators()
     assert not bpy.ops.repousse.arm_refresh.poll()
+    bpy.ops.wm.read_homefile(app_template="", use_empty=True)
+    assert bpy.app.timers.is_registered(arm_devices.take_look)  # another file changes nothing about it
     (folder / "go").touch()
     until(lambda: arm_devices.take_look() is None, "the end of the look")
     assert len(listing().devices) == 4 and not is_looking()
@@ -183,10 +185,12 @@ def test_a_look_that_fails_is_told_in_one_line_and_the_emulated_arm_stays(hidapi
     hidapi(body)
     if "60" in body:
         monkeypatch.setattr(arm_devices, "LIMIT", 0.5)
+    begun = time.monotonic()
     arm_devices.start_look()
     process = arm_devices._look._process
     arm_devices._look.wait()
     arm_devices.take_look()
+    assert time.monotonic() - begun < 40.0  # it is killed, not waited for
     assert listing().error.startswith(told) and listing().devices == arm_devices._NOTHING.devices
     assert process.poll() is not None
     assert any(text.startswith(told) for text in shown(preferences).texts)
@@ -204,8 +208,10 @@ def test_a_look_ends_with_the_add_on(hidapi):
     arm_devices.start_look()
     process, thread = arm_devices._look._process, arm_devices._look._thread
     until((folder / "asked").exists, "the subprocess")
+    begun = time.monotonic()
     arm_devices.unregister()
     try:
+        assert time.monotonic() - begun < arm_devices.LIMIT / 2
         assert process.poll() is not None and not thread.is_alive()
         assert not bpy.app.timers.is_registered(arm_devices.take_look) and not is_looking()
     finally:
