@@ -106,6 +106,12 @@ def test_home_reaches_the_arm_and_its_motors_get_nothing(name, home):
     assert output == ((0.0, 0.0, 0.0), 1, home)
 
 
+def test_what_stands_in_the_currents_place_at_home_is_no_current():
+    """There it sets encoders d to f."""
+    output = reports.decode_output(the("mbed-14"), bytes.fromhex("e803 e803 e803 0100 0000 0000 0000"))
+    assert output.currents == (0.0, 0.0, 0.0)
+
+
 @each_link
 @pytest.mark.parametrize("wrong", [nan, inf, -inf, "over", "under"])
 @pytest.mark.parametrize("at", range(3))
