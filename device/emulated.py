@@ -132,9 +132,9 @@ class EmulatedArm:
 
     def step(self, dt: float = FRAME) -> None:
         """Let `dt` seconds pass."""
-        self._since_output += dt
-        if self.enabled and self._since_output > self.link.firmware_watchdog_ms / 1000.0:
+        if self.enabled and self._since_output > self.link.firmware_watchdog_ms / 1000.0 - 1e-9:
             self.enabled, self.currents, self._torques = False, _ZERO, _ZERO
+        self._since_output += dt
         self._plant.step(dt, self._torques, self._pull if self.hand else None, self.time)
         self.time += dt
 
@@ -208,7 +208,7 @@ class EmulatedHid:
     ) -> None:
         self.arm = EmulatedArm(profile, link, hand)
         self._clock, self._wait = clock, wait
-        self._now = clock()
+        self._start, self._frames = clock(), 0
         self._plugged = True
         self._reports: deque[bytes] = deque()
         self._open = False
@@ -247,11 +247,10 @@ class EmulatedHid:
 
     def _pass_time(self) -> None:
         """Let the arm live up to now."""
-        now = self._clock()
-        if now - self._now > LATE:
-            self._now = now - LATE
-        while self._now + FRAME <= now and self._plugged:
-            self._now += FRAME
+        frames = floor((self._clock() - self._start) / FRAME + 1e-6)
+        self._frames = max(self._frames, frames - round(LATE / FRAME))
+        while self._frames < frames and self._plugged:
+            self._frames += 1
             self.arm.step(FRAME)
             report = self.arm.input_report()
             if report is None or not self._open:
@@ -312,7 +311,7 @@ class EmulatedDevice:
             now = hid._clock()
             if until is not None and now >= until:
                 return []
-            due = hid._now + FRAME
+            due = hid._start + (hid._frames + 1) * FRAME
             hid._wait(max(0.0, (due if until is None else min(due, until)) - now))
 
     def write(self, data: bytes | Sequence[int]) -> int:
