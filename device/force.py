@@ -115,10 +115,10 @@ def _interpolated(model: ForceModel, previous: ForceModel | None, now: float) ->
     last = min(model.stress, model.yield_stress)
     if previous is None or previous.scene != model.scene:
         return last
-    first = min(previous.stress, previous.yield_stress)
     between = model.time - previous.time
-    if not (isfinite(first) and between > 0.0):
+    if not (isfinite(previous.stress + previous.yield_stress + between) and between > 0.0):
         return last
+    first = min(previous.stress, previous.yield_stress)
     return first + (last - first) * min(max((now - model.time) / between, 0.0), 1.0)
 
 
