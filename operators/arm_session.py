@@ -117,6 +117,12 @@ def quieten() -> None:
         _arm.rest()
 
 
+def feel_on(session: Session, obj: bpy.types.Object) -> None:
+    """After a stroke of the arm on ``obj``: see :meth:`ArmSession.feel_on`."""
+    if _arm is not None:
+        _arm.feel_on(session, voxels_to_world(obj, session))
+
+
 def watch() -> float | None:
     """The timer. Whatever fails lets the arm go: no process and no thread may be left that nobody looks at."""
     if _arm is None:
@@ -306,6 +312,12 @@ class ArmSession:
         hand = StrokeHand(self._line, mapping, self.scene, time.perf_counter(), by_touch)
         self._stroke = ArmStroke(hand, self._place.radius_in(to_world))
         return self._stroke
+
+    def feel_on(self, session: Session, to_world: np.ndarray) -> None:
+        """The arm's stroke is solved: let it feel what that has left, while it is still to be written to its file."""
+        place = self._place
+        if place is not None and place == self._felt and not self.clutched and is_posed(self.state):
+            self._feel(session, place, place.mapping(self.profile, to_world), to_world)
 
     def set_clutch(self, held: bool) -> None:
         """Hold the clutch, or let it go: meanwhile the arm is moved and the tool stays. A stroke ends.

@@ -170,6 +170,8 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
             return self._leave(context)
         if obj is None or obj.data.session_uid != self._volume:
             return self._take_back(context, session)
+        if self.arm:
+            arm_session.feel_on(session, obj)
         session.commit(obj, boxes, engine.mass_out)
         session.last_trace = engine.trace
         session.engine, stroke = None, self._stroke
@@ -181,7 +183,7 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
 
     def _take_back(self, context, session):
         """Every voxel as it was before the stroke."""
-        engine = self._engine
+        engine, session.feeling = self._engine, None
         engine.cancel()
         if engine.touched:  # it had been finished: what has failed is the commit
             engine.push.restore(engine.history)

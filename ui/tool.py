@@ -150,16 +150,24 @@ def _cursor_of(session: Session) -> cursor.CursorState | None:
     pointer = session.pointer
     if pointer is None:
         return None
-    regime, share, text = Regime.NONE, 0.0, ""
+    regime, stress, yield_stress = _felt_in(session)
+    share = min(stress / yield_stress, 1.0) if yield_stress > 0.0 else 0.0
+    text = "" if regime is None else f"{min(stress, yield_stress):.2f} N"
+    return cursor.CursorState(
+        *(pointer.position, pointer.normal, pointer.radius, DEFAULT_REACH * pointer.radius),
+        *(regime or Regime.NONE, share, text),
+    )
+
+
+def _felt_in(session: Session) -> tuple[Regime | None, float, float]:
+    """What the tool is in, with stress and yield stress in newtons; no regime where nothing is felt."""
     if session.engine is not None:
         contact = session.engine.contact
-        regime = contact.regime
-        if contact.yield_stress > 0.0:
-            share = min(contact.stress / contact.yield_stress, 1.0)
-        text = f"{min(contact.stress, contact.yield_stress):.2f} N"
-    return cursor.CursorState(
-        pointer.position, pointer.normal, pointer.radius, DEFAULT_REACH * pointer.radius, regime, share, text
-    )
+        return contact.regime, contact.stress, contact.yield_stress
+    model = session.feeling.model if session.feeling is not None else None
+    if model is None:
+        return None, 0.0, 0.0
+    return Regime.ELASTIC if model.stress > 0.0 else Regime.NONE, model.stress, model.yield_stress
 
 
 _handle = None

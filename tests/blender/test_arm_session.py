@@ -651,3 +651,21 @@ def test_a_stroke_of_an_arm_that_is_not_ready_is_refused(arm, loop, clay):
 def test_what_a_thread_calls_knows_no_blender():
     for module in (arm_hand, arm_mapping):
         assert "bpy" not in vars(module)
+
+
+def test_what_a_stroke_has_left_is_felt_before_it_is_written(arm, loop, clay):
+    """To write a large volume takes longer than a model may be old."""
+    scene = engage(loop, AIR)
+    held, engine = press(loop, arm, clay, INTO)
+    loop.put(buttons=0)
+    until(lambda: held.over, "the stroke to end")
+    engine.finish()
+    live = session.live()
+    arm_session.feel_on(live, clay)
+    sent = len(loop.sent)
+    until(lambda: len(loop.sent) > sent + 3, "what is there to be felt", 5.0)
+    assert live.engine is engine and feels(loop, scene) and not live.feeling.deform
+    feeling = live.feeling
+    commit(clay, engine)
+    look()
+    assert live.feeling is feeling and loop.model.scene == scene
