@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 WARM = 0.8
 """Heat (0 to 1) from which it is said that force will be held back."""
+LONG_AGO = 10.0
+"""Age in seconds from which there is no model to speak of; before the first, it is the age of the clock."""
 STATE_ICONS = ("UNLINKED", "LINKED", "HOME", "PAUSE", "PLAY", "CANCEL")
 """For each State, in its order."""
 
@@ -130,7 +132,7 @@ def _draw_force(column: bpy.types.UILayout, context: bpy.types.Context, session:
     if limits.reason:
         draw_text(column, context, say(limits.reason), icon="INFO")
     heat = min(max(state.heat, 0.0), 1.0)
-    column.progress(text=say("Motors: {:.0%} of their heat").format(heat), factor=heat, translate=False)
+    column.progress(text=say("Motor heat {:.0%}").format(heat), factor=heat, translate=False)
     if heat >= WARM:
         draw_text(column, context, say("The motors are warm: force is held back until they cool"), icon="ERROR")
 
@@ -152,15 +154,15 @@ class REPOUSSE_PT_arm_loop(InSidebar, bpy.types.Panel):
 
 
 def health_lines(health: LoopHealth) -> list[str]:
-    """How the loop fares, a line each: Hz, and times in ms."""
+    """How the loop fares, a line each, short enough for a sidebar."""
     say = bpy.app.translations.pgettext_iface
-    figures, period, work = health.figures, (1e3 * t for t in health.period), (1e3 * t for t in health.work)
+    figures, period, work = health.figures, (1e3 * t for t in health.period), (1e6 * t for t in health.work)
     return [
         say("{:.0f} periods a second").format(figures.rate),
         say("In real time") if figures.realtime else say("Not in real time: other programs may hold it up"),
         say("Period {:.2f} ms, p99 {:.2f}, p99.9 {:.2f}").format(*period),
         say("Longest gap {:.2f} ms").format(1e3 * figures.longest),
-        say("Computing {:.3f} ms, p99 {:.3f}, p99.9 {:.3f}").format(*work),
+        say("Work {:.0f} µs, p99 {:.0f}, p99.9 {:.0f}").format(*work),
         say("Reports lost {}, overtaken {}").format(figures.lost, figures.superseded),
     ]
 
@@ -169,7 +171,7 @@ def model_lines(state: ArmState) -> list[str]:
     """What the loop makes of what it is told: how old that is, and how stiff it may be."""
     say = bpy.app.translations.pgettext_iface
     return [
-        say("Model {:.0f} ms old").format(1e3 * state.model_age),
+        say("Model {:.0f} ms old").format(1e3 * state.model_age) if state.model_age < LONG_AGO else say("No model"),
         say("Stiffness {:.0f} of {:.0f} N/m").format(state.slope_granted, state.slope_asked),
     ]
 
