@@ -16,7 +16,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -73,9 +73,10 @@ class Loop:
         self._limits = safety.limits_of(profile, link)
         self._request = memory.request.read()
         self._model = self._former_model = memory.model.read()
-        self._totals: list[int] | None = None  # unwrapped encoder counts
-        self._offset = [0, 0, 0]  # what homing adds to them, where the firmware cannot
-        self._counts = self._angles = self._position = self._velocity = _ZERO
+        self._totals: reports.Counts | None = None  # unwrapped
+        self._offset: reports.Counts = (0, 0, 0)  # what homing adds to them, where the firmware cannot
+        self._counts: Triple = _ZERO
+        self._angles = self._position = self._velocity = _ZERO
         self._path: deque[tuple[float, Triple]] = deque()
         self._buttons = 0
         self._given = _ZERO  # the currents that were written last
@@ -118,21 +119,22 @@ class Loop:
         count(self._memory.periods, PERIOD_BIN, dt)
         began = self._clock()
         data = self._wire.newest()
+        request, model = self._memory.request.read(), self._memory.model.read()
         read = self._clock()
-        self._obey(self._memory.request.read(), now)
+        self._obey(request, now)
         fresh = data is not None and self._take(data, now)
         self._status = safety.sensed(
             self._status, self._limits, now, self._reported, self._counts, self._angles, self._velocity
         )
         posed = self._clock()
-        currents = self._answer(now, dt)
+        currents = self._answer(model, now, dt)
         forced = self._clock()
         self._write(currents, now, fresh)
         written = self._clock()
         self._tell(now, currents)
         told = self._clock()
         self._parts.add((began, read, posed, forced, written, told))
-        count(self._memory.work, WORK_BIN, (forced - read) + (told - written))
+        count(self._memory.work, WORK_BIN, forced - read)
 
     def _obey(self, request: Request, now: float) -> None:
         """Orders are counted: one that was given twice before it was seen is one."""
@@ -154,7 +156,8 @@ class Loop:
             return
         order = reports.encode_home(self._link, self._profile.home_counts)
         if order is None:  # the firmware keeps its own counts, so ours are shifted
-            self._offset = [int(h) - t for h, t in zip(self._profile.home_counts, self._totals, strict=True)]
+            (a, b, c), (i, j, k) = self._profile.home_counts, self._totals
+            self._offset = a - i, b - j, c - k
             self._pose(now, at_rest=True)
             self._status = safety.homed(self._status, self._limits, self._counts, self._angles, now)
             return
@@ -175,9 +178,10 @@ class Loop:
         self._reported = now
         homing = self._homing_until > 0.0
         if self._totals is None or homing:
-            self._totals = list(report.counts)
+            self._totals = report.counts
         else:
-            self._totals = [reports.unwrap(total, raw) for total, raw in zip(self._totals, report.counts, strict=True)]
+            (a, b, c), (i, j, k) = self._totals, report.counts
+            self._totals = reports.unwrap(a, i), reports.unwrap(b, j), reports.unwrap(c, k)
         self._buttons = int(report.button)
         self._pose(now, at_rest=homing)
         if homing:
@@ -198,8 +202,8 @@ class Loop:
     def _pose(self, now: float, at_rest: bool = False) -> None:
         """Counts, angles, position and velocity of the tip from the unwrapped counts."""
         assert self._totals is not None
-        a, b, c = (float(total + offset) for total, offset in zip(self._totals, self._offset, strict=True))
-        self._counts = (a, b, c)
+        (a, b, c), (i, j, k) = self._totals, self._offset
+        self._counts = a + i, b + j, c + k
         self._angles = kinematics.joint_angles(self._profile, self._counts)
         self._position = position = kinematics.position(self._profile, self._angles)
         path = self._path
@@ -222,9 +226,8 @@ class Loop:
             self._lost += ((number - self._number - 1) & 0xFFFF) - (superseded - self._passed_over)
         self._number, self._passed_over = number, superseded
 
-    def _answer(self, now: float, dt: float) -> Triple:
+    def _answer(self, model: ForceModel, now: float, dt: float) -> Triple:
         """The motor currents that render the local model here, within every limit."""
-        model = self._memory.model.read()
         if model is not self._model:
             self._former_model, self._model = self._model, model
         felt = felt_force(
@@ -346,7 +349,9 @@ def drive(config: dict[str, Any], stopped: Callable[[], bool]) -> str:
         raise ProfileError(f"{profile.name}: has no link {config['link']} that could be driven")
     memory = SharedMemory.attach(config["address"])
     try:
-        with held(config["path"]), first_in_line() as realtime:
+        # An arm in software is within this process: there may be as many as there are sessions.
+        alone = nullcontext() if config["path"] == EMULATED else held(config["path"])
+        with alone, first_in_line() as realtime:
             wire = Wire.open(_hid(config, profile, link), config["path"], link)
             loop = Loop(profile, link, wire, memory, stopped, realtime)
             with driving(loop, wire):

@@ -51,7 +51,8 @@ _LOCK = struct.Struct("=QII")
 PERIOD_BIN, PERIOD_BINS = 10e-6, 2000
 """Of the histogram of periods: seconds in a bin, and bins; the last one holds all that is longer."""
 WORK_BIN, WORK_BINS = 1e-6, 1000
-"""Of the histogram of what the loop computes in a period."""
+"""Of the histogram of what the loop computes in a period: from the report and the model that it has read to the
+currents that it writes."""
 
 Triple = tuple[float, float, float]
 _ZERO = (0.0, 0.0, 0.0)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The arm's loop for a minute, through the unmodified hidapi: its rate, its period, and what it computes in one.
+
+The emulated arm is a process of its own, and a third one keeps a core busy meanwhile.
+"""
+
+import os
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import pytest
+from tests.device.engaged import Engaged
+from tests.device.shim.log import Kind
+from tests.device.shim.served_arm import ServedArm
+
+from repousse.device import reports
+from repousse.device.profile import builtin_profiles
+from repousse.device.safety import State
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the shim is for Linux")
+
+PREMIUM = builtin_profiles()["phantom-premium-1.5"]
+SECONDS = 60.0
+
+
+@contextmanager
+def busy_core():
+    """An ordinary process that computes without end."""
+    process = subprocess.Popen([sys.executable, "-I", "-c", "while True: pass"])
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize("scheduling", ["SCHED_FIFO", "ordinary"])
+def test_a_minute_of_force(benchmark, figures, tmp_path, scheduling):
+    """1 N rendered for a minute; every report that was sent is accounted for."""
+    still = tmp_path / "still.jsonl"
+    still.write_text('{"intention": 1}\n{"time": 0.0, "position": [0.0, 0.0, 0.0]}\n')
+    with (
+        ServedArm(PREMIUM, script=still, log_states=False) as arm,
+        Engaged(PREMIUM, arm.path, arm.environment) as engaged,
+        busy_core(),
+    ):
+        loop = engaged.loop
+        if scheduling == "ordinary":
+            os.sched_setscheduler(loop.process_id, os.SCHED_OTHER, os.sched_param(0))
+        for bins in (loop._memory.periods, loop._memory.work):
+            for index in range(len(bins)):
+                bins[index] = 0
+        began, first = time.perf_counter(), loop.state().tick
+
+        def run():
+            time.sleep(SECONDS)
+
+        benchmark.pedantic(run, rounds=1)
+        last, ended = loop.state(), time.perf_counter()
+        health = loop.health()
+        told = arm.order("state")
+        received = [entry for entry in arm.log() if entry.kind is Kind.RECEIVED]
+        assert last.state is State.RUN, (last, loop.failure)
+    assert all(reports.decode_output(loop.link, entry.data[1:]) for entry in received)
+    values = {"rate": (last.tick - first) / (ended - began)}
+    section = "arm's loop, a minute, a core busy"
+    figures.add(section, scheduling, values, "/s", {"rate": 990.0}, True)
+    p50, p99, p999 = (1e3 * share for share in health.period)
+    period = {"p50": p50, "p99": p99, "p99.9": p999, "longest": 1e3 * health.figures.longest}
+    figures.add(section, f"{scheduling}: period", period, "ms", {"p99.9": 1.3} if scheduling == "SCHED_FIFO" else {})
+    work = {"p50": 1e6 * health.work[0], "p99": 1e6 * health.work[1], "p99.9": 1e6 * health.work[2]}
+    figures.add(section, f"{scheduling}: arithmetic", work, "us", {"p99": 60.0})
+    lost = {"lost": health.figures.lost - told["dropped"], "dropped by the arm": told["dropped"]}
+    figures.add(section, f"{scheduling}: reports", lost, f"of {told['sent']}", {"lost": 0.0})
+    parts = {name: 1e6 * getattr(health.figures, name) for name in ("read", "pose", "force", "write", "tell")}
+    figures.add(section, f"{scheduling}: parts, mean of the last second", parts, "us")
+    benchmark.extra_info.update(values, **period, **work, **lost, **parts)
