@@ -382,8 +382,10 @@ def main() -> int:
         config = read_config()
         threading.Thread(target=_wait_for_the_end, args=(over,), daemon=True).start()
         ended = drive(config, over.is_set)
-    except (ProtocolError, InUseError, OpenError, ProfileError, ImportError, ValueError, KeyError, OSError) as error:
-        ended = str(error) or type(error).__name__
+    except (ProtocolError, InUseError, OpenError, ImportError, OSError) as error:
+        ended = str(error)
+    except (ValueError, KeyError, TypeError) as error:  # a ProfileError among them
+        ended = f"the arm's loop was not told what to drive: {error}"
     print(json.dumps({"ended": ended}), flush=True)
     return 1 if ended else 0
 
