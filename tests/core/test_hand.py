@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from repousse.core import Engine, Material, Push, Regime, Sample, SphereTool, dispersion
-from repousse.core.poses import LEAST_MOVE
+from repousse.core.poses import LEAST_MOVE, Poses
 from repousse.core.push import LONGEST_STEP
 
-from .test_engine import INTO, ON, WAYS, pushing, state_of, stroke_of
+from .test_engine import INTO, ON, TOOL, WAYS, pushing, state_of, stroke_of
 from .threads import PATIENCE, Gate, names, until
 from .volumes import half_space, line
 
@@ -321,20 +321,28 @@ def test_finish_solves_the_last_pose(monkeypatch):
 
 
 def test_a_cancelled_way_is_not_walked_to_its_end(monkeypatch):
-    hand, push = Held(*INTO[-1]), pushing()
+    hand, push, walks = Held(*INTO[-1]), pushing(), Gate(4)
     before = state_of(push)
     with Engine(push, hand=hand) as running:
         there(running, INTO[-1])
-        with held_at(monkeypatch, running, hand, ON):
-            hand.go((ON[0], 15.0, 19.0))
-            hand.asked()
-            walks = Gate(inf)
-            monkeypatch.setattr(push, "walk", walks.before(push.walk))
-            cancelling = threading.Thread(target=running.cancel)
-            cancelling.start()
-            until(running._stop.is_set)
+        monkeypatch.setattr(push, "walk", walks.before(push.walk))
+        hand.go((INTO[-1][0], 14.0, 19.0))
+        assert walks.reached.wait(PATIENCE)
+        cancelling = threading.Thread(target=running.cancel)
+        cancelling.start()
+        until(running._stop.is_set)
+        walks.open()
         cancelling.join()
-    assert walks.calls == 0 and state_of(push) == before
+    assert walks.calls == 4 and state_of(push) == before
+
+
+def test_dropped_poses_are_not_taken():
+    poses = Poses(TOOL, coalesced=False)
+    for place in INTO:
+        poses.put(Sample(0.0, place))
+    assert poses.take().sample.position == INTO[0]
+    poses.drop()
+    assert poses.take() is None and not poses.settle(PATIENCE)
 
 
 SHEET = (slice(19, 21), slice(None), slice(None))
