@@ -57,9 +57,15 @@ class ServedArm:
         }
         self.path = f"/dev/hidraw{number}"
         """Of the device, for programs that run in :attr:`environment`."""
-        self.folder = Path()
+        self._folder: Path | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._said = b""
+
+    @property
+    def folder(self) -> Path:
+        """Where the arm's node is; gone once it is stopped."""
+        assert self._folder is not None
+        return self._folder
 
     @property
     def environment(self) -> dict[str, str]:
@@ -68,10 +74,10 @@ class ServedArm:
 
     def start(self) -> None:
         """Start the process and wait until the arm is there. Raises ServedArmError."""
-        self.folder = Path(tempfile.mkdtemp(prefix="repousse-arm-"))
+        self._folder = Path(tempfile.mkdtemp(prefix="repousse-arm-"))
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-I", "-B", str(SERVER)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+                [sys.executable, str(SERVER)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
             )
             self._say(self._config | {"folder": str(self.folder)})
             self._answer()
@@ -99,7 +105,8 @@ class ServedArm:
                 process.kill()
                 process.wait()
             process.stdout.close()
-        shutil.rmtree(self.folder, ignore_errors=True)
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
 
     def kill(self) -> None:
         """End the process at once: a computer that loses its USB controller."""
