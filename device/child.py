@@ -42,9 +42,9 @@ def start(module: str, config: dict[str, Any], **options: Any) -> subprocess.Pop
 
     Raises OSError when there is no Python to start.
     """
-    process = subprocess.Popen(
-        command(module), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
-    )
+    pipe = subprocess.PIPE
+    options["creationflags"] = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # on Windows a console would flash up
+    process = subprocess.Popen(command(module), stdin=pipe, stdout=pipe, stderr=pipe, text=True, **options)
     assert process.stdin is not None
     try:
         process.stdin.write(json.dumps(config) + "\n")

@@ -81,10 +81,10 @@ class HapticLoop:
         Raises RuntimeError with one line where it cannot even be started.
         """
         if self._process is not None:
-            raise RuntimeError("this arm is driven already")
+            raise RuntimeError("This arm is driven already")
         hidapi = child.find_hidapi()
         if hidapi is None and self.path != EMULATED:
-            raise RuntimeError("hidapi is missing: reinstall the extension, its wheels come with it")
+            raise RuntimeError("The hidapi module is missing: reinstall the extension, its wheels come with it")
         self._ended, self._stopping, self._request = None, False, Request()
         self._memory = SharedMemory.create()
         config = {
@@ -100,7 +100,7 @@ class HapticLoop:
             self._process = child.start("loop", config, pass_fds=handed, env=self._environment)
         except OSError as error:
             self._memory.close(last=True)
-            raise RuntimeError(f"the arm's loop cannot be started: {error}") from error
+            raise RuntimeError(f"The arm's loop cannot be started: {error}") from error
         self._watcher = threading.Thread(target=self._watch, args=(self._process,), name="repousse arm", daemon=True)
         self._watcher.start()
 
@@ -215,5 +215,5 @@ def _reason(said: str, complained: str, code: int) -> str:
         except (ValueError, KeyError, TypeError):
             continue
     if complained.strip():
-        return f"the arm's loop failed: {complained.strip().splitlines()[-1]}"
-    return f"the arm's loop was ended from outside (exit code {code}); the arm's own watchdog stops its motors"
+        return f"The arm's loop failed: {complained.strip().splitlines()[-1]}"
+    return f"The arm's loop was ended from outside (exit code {code}); the arm's own watchdog stops its motors"

@@ -385,7 +385,7 @@ def main() -> int:
     except (ProtocolError, InUseError, OpenError, ImportError, OSError) as error:
         ended = str(error)
     except (ValueError, KeyError, TypeError) as error:  # a ProfileError among them
-        ended = f"the arm's loop was not told what to drive: {error}"
+        ended = f"The arm's loop was not told what to drive: {error}"
     print(json.dumps({"ended": ended}), flush=True)
     return 1 if ended else 0
 

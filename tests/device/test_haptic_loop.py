@@ -75,7 +75,7 @@ def test_a_force_scale_is_from_0_to_1(scale):
 
 def test_without_hidapi_there_is_still_the_emulated_arm(monkeypatch):
     monkeypatch.setattr(child, "find_hidapi", lambda: None)
-    with pytest.raises(RuntimeError, match="hidapi is missing"):
+    with pytest.raises(RuntimeError, match="hidapi module is missing"):
         HapticLoop(PREMIUM, path="/dev/hidraw0").start()
     with HapticLoop(PREMIUM) as loop:
         wait_for(lambda: loop.state().tick > 0)
@@ -113,7 +113,7 @@ def test_a_profile_that_is_only_recognised_is_never_driven():
         ('{"ended": ""}\n', "", 0, ""),
         ('{"ended": "it was unplugged"}\n', "", 1, "it was unplugged"),
         ('noise\n{"ended": "last"}\nnoise\n', "", 1, "last"),
-        ("", "Traceback\n  line\nMemoryError: no more\n", 1, "the arm's loop failed: MemoryError: no more"),
+        ("", "Traceback\n  line\nMemoryError: no more\n", 1, "The arm's loop failed: MemoryError: no more"),
         ("", "", -9, "exit code -9"),
         ("[1]\n3\nnull\n", "", 1, "exit code 1"),
     ],
