@@ -85,6 +85,13 @@ def farewell() -> str:
     return _farewell
 
 
+def is_stroking() -> bool:
+    """Whether the stroke that runs is the arm's."""
+    session = live()
+    stroke = _arm._stroke if _arm is not None else None
+    return session is not None and stroke is not None and stroke.engine is session.engine is not None
+
+
 def open_arm(loop: HapticLoop, profile: DeviceProfile) -> ArmSession:
     """Start the loop of an arm, in place of the one that may be connected.
 

@@ -246,7 +246,10 @@ def _stroke_of(settings: RepousseSettings, verb: str, radius: float, session: Se
 def _status(header: bpy.types.Header, _context: bpy.types.Context) -> None:
     """The status bar while a stroke runs."""
     layout = header.layout
-    layout.label(text="Finish", icon="MOUSE_LMB")
+    if arm_session.is_stroking():
+        layout.label(text="Release the stylus to finish")
+    else:
+        layout.label(text="Finish", icon="MOUSE_LMB")
     layout.label(text="Cancel", icon="MOUSE_RMB")
     layout.label(text="Cancel", icon="EVENT_ESC")
     session = live()
