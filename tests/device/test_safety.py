@@ -257,6 +257,14 @@ def test_of_several_faults_the_first_is_told_but_for_a_pulled_plug():
     assert safety.failed(refused, Fault.WRITE_FAILED, NOW).fault is Fault.WRITE_FAILED
 
 
+def test_a_stopped_arm_may_be_anywhere_and_its_reason_stays():
+    """It is moved by hand to be homed: nothing that it reports is a fault, or tells something else than what counts."""
+    for fault in (Fault.WRITE_FAILED, Fault.HOME_MOVING):
+        for how in ({"angles": (9.0, 9.0, 9.0)}, {"counts": (1e5, 0.0, 0.0)}, {"age": 5.0}, {"after": 5.0}):
+            status = sense(at(SAFE, fault=fault), **how)
+            assert (status.state, status.fault) == (SAFE, fault)
+
+
 def test_arming_is_refused_with_the_reason():
     assert safety.armed(at(OPEN), NOW).fault is Fault.NOT_HOMED
     assert safety.armed(at(CLOSED), NOW) == at(CLOSED)
@@ -651,6 +659,19 @@ def test_every_arm_of_ours_can_be_homed_armed_and_moved(profile, link):
         assert (status.state, status.fault) == (HOMED, Fault.NONE)
     far = (counts[0] + 16384, *counts[1:])
     assert safety.sensed(status, limits, now + PERIOD, now + PERIOD, far, angles, ZERO).fault is Fault.ENCODER_JUMP
+
+
+@pytest.mark.parametrize(("profile", "link"), driven(), ids=lambda x: getattr(x, "key", getattr(x, "name", "")))
+def test_limits_are_those_of_the_profile_in_the_units_of_the_loop(profile, link):
+    """Newtons a second for newtons a millisecond, and encoder counts for three times the highest speed of the tip."""
+    limits = limits_of(profile, link)
+    assert limits.max_slew == pytest.approx(profile.max_slew / 1e-3)
+    assert limits.damping == pytest.approx(profile.device_damping + profile.hand_damping)
+    assert (limits.max_stiffness, limits.max_damping) == (profile.max_stiffness, profile.max_damping)
+    assert limits.steady_current <= min(profile.continuous_current, 0.95 * link.firmware_current_limit)
+    _, upper, fore = profile.lengths
+    for rate, step, lever in zip(limits.max_count_rate, profile.radians_per_count, (min(upper, fore) / 2, upper, fore)):
+        assert rate * abs(step) * lever == pytest.approx(3.0 * profile.max_velocity)
 
 
 @pytest.mark.parametrize(("profile", "link"), driven(), ids=lambda x: getattr(x, "key", getattr(x, "name", "")))
