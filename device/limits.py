@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -110,8 +109,3 @@ def _count_rates(profile: DeviceProfile) -> Triple:
         for lever, step in zip(levers, profile.radians_per_count, strict=True)
     )
     return a, b, c
-
-
-def elbow(angles: Triple) -> float:
-    """What ``elbow_limits`` bound: a PHANToM's q2 - q3, zero where the two bodies are at right angles."""
-    return 0.5 * pi - angles[1] - angles[2]

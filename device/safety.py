@@ -19,7 +19,8 @@ from typing import NamedTuple
 
 from . import heat
 from .fault import NOTICES, Fault, State, fault_text, state_text
-from .limits import Limits, Triple, elbow, limits_of
+from .kinematics import elbow_difference
+from .limits import Limits, Triple, limits_of
 
 __all__ = [
     "Fault",
@@ -170,7 +171,7 @@ def _within_reach(limits: Limits, angles: Triple) -> bool:
     a, b, c = angles
     (a0, a1), (b0, b1), (c0, c1) = limits.joint_limits
     d0, d1 = limits.elbow_limits
-    return a0 <= a <= a1 and b0 <= b <= b1 and c0 <= c <= c1 and d0 <= elbow(angles) <= d1
+    return a0 <= a <= a1 and b0 <= b <= b1 and c0 <= c <= c1 and d0 <= elbow_difference(angles) <= d1
 
 
 def armed(status: Status, now: float) -> Status:
