@@ -76,4 +76,4 @@ def test_a_minute_of_force(benchmark, figures, tmp_path, scheduling):
     figures.add(section, f"{scheduling}: reports", lost, f"of {told['sent']}", {"lost": 0.0})
     parts = {name: 1e6 * getattr(health.figures, name) for name in ("read", "pose", "force", "write", "tell")}
     figures.add(section, f"{scheduling}: parts, mean of the last second", parts, "us")
-    benchmark.extra_info.update(values, **period, **work, **lost, **parts)
+    benchmark.extra_info.update(values, period=period, work=work, lost=lost, parts=parts)
