@@ -103,9 +103,7 @@ class Plant:
         a, b, c = self.angles
         ra, rb, rc = self.rates
         half = 0.5 * dt
-        ta, tb, tc = torques
-        fa, fb, fc = self.friction
-        (la, lb, lc), _ = self._accelerations(self.angles, self.rates, (ta + fa, tb + fb, tc + fc), wanted)
+        (la, lb, lc), _ = self._accelerations(self.angles, self.rates, torques, wanted)
         middle = (a + half * ra, b + half * rb, c + half * rc)
         halfway = (ra + half * la, rb + half * lb, rc + half * lc)
         (la, lb, lc), masses = self._accelerations(middle, halfway, torques, wanted)

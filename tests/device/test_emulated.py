@@ -86,6 +86,16 @@ def test_set_counters_count_on_from_there_and_wrap(home):
     assert wrapped == (home != (0, 0, 0))
 
 
+def test_counters_are_set_wherever_the_arm_is():
+    arm = arm_with(hand=Hand.firm(DRAW))
+    arm.begin()
+    for _ in range(1300):
+        arm.step()
+    assert all(read(arm).counts)
+    arm.output_report(reports.encode_home(OWN, (7, -8, 9))[1:])
+    assert read(arm).counts == (7, -8, 9)
+
+
 def test_currents_are_a_force_at_the_tip_by_the_inverse_of_the_transposed_jacobian():
     """A hand's spring, held against a force of the motors, is drawn out by it: but for what friction holds."""
     hand = Hand(0.1, 3.0, 300.0, Intention((Keyframe(0.0, ZERO),)))
