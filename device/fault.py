@@ -32,7 +32,6 @@ class Fault(IntEnum):
     MODEL_NOT_FINITE = 10
     OVERRUN = 11
     CLOCK = 12
-    BLENDER_GONE = 13
     NOT_HOMED = 14
     MODEL_STALE = 15
     STALL = 16
@@ -72,7 +71,6 @@ _FAULTS = {
     Fault.MODEL_NOT_FINITE: "The material's force came out as no number: undo the last stroke, then home and arm again",
     Fault.OVERRUN: "This computer left the arm's loop waiting too long: end what keeps it busy, home and arm again",
     Fault.CLOCK: "This computer's clock ran backwards: home and arm again",
-    Fault.BLENDER_GONE: "Blender has ended: connect, home and arm again",
     Fault.NOT_HOMED: "The arm does not know where it is: put it in its home pose and press Home",
     Fault.MODEL_STALE: "Blender was too busy to say what is felt: lift the tool out of the material to feel it again",
     Fault.STALL: "This computer left the arm's loop waiting: lift the tool out of the material to feel it again",

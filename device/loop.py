@@ -99,7 +99,7 @@ class Loop:
             try:
                 self.period(now, now - former)
             except UnpluggedError:
-                self._fail(Fault.UNPLUGGED, now)
+                self._fail(Fault.UNPLUGGED)
                 return fault_text(Fault.UNPLUGGED)
         return ""
 
@@ -144,11 +144,11 @@ class Loop:
         if request.force_scale != former.force_scale:
             self._limits = safety.limits_of(self._profile, self._link, request.force_scale)
         if request.disarm != former.disarm:
-            self._status = safety.disarmed(self._status, now)
+            self._status = safety.disarmed(self._status)
         if request.home != former.home:
             self._home(now)
         if request.arm != former.arm:
-            self._status = safety.armed(self._status, now)
+            self._status = safety.armed(self._status)
 
     def _home(self, now: float) -> None:
         """Take the present pose for the home pose."""
@@ -161,9 +161,9 @@ class Loop:
             self._pose(now, at_rest=True)
             self._status = safety.homed(self._status, self._limits, self._counts, self._angles, now)
             return
-        self._status = safety.disarmed(self._status, now)
+        self._status = safety.disarmed(self._status)
         if not self._wire.write(order):
-            self._fail(Fault.WRITE_FAILED, now)
+            self._fail(Fault.WRITE_FAILED)
         self._homing_until = now + HOMING_TIME
 
     def _take(self, data: list[int], now: float) -> bool:
@@ -171,7 +171,7 @@ class Loop:
         try:
             report = reports.decode(self._link, data)
         except ValueError:
-            self._fail(Fault.WRONG_REPORT, now)
+            self._fail(Fault.WRONG_REPORT)
             return False
         if report.counter is not None:
             self._count_lost(report.counter)
@@ -197,7 +197,7 @@ class Loop:
             self._status = safety.homed(self._status, self._limits, self._counts, self._angles, now)
         elif now > self._homing_until:
             self._homing_until = 0.0
-            self._fail(Fault.NOT_HOMED, now)
+            self._fail(Fault.NOT_HOMED)
 
     def _pose(self, now: float, at_rest: bool = False) -> None:
         """Counts, angles, position and velocity of the tip from the unwrapped counts."""
@@ -241,13 +241,13 @@ class Loop:
         )
         self._felt = felt
         if felt.fault:
-            self._fail(felt.fault, now)
+            self._fail(felt.fault)
         scene = 0 if self._request.clutch else model.scene
         self._status = safety.rendered(self._status, self._limits, now, dt, model.time, scene, felt.force)
         currents = kinematics.currents(self._profile, self._angles, self._status.force)
         self._status, currents = safety.limited_currents(self._status, self._limits, currents, dt)
         if not all(map(isfinite, currents)):
-            self._fail(Fault.NOT_FINITE, now)
+            self._fail(Fault.NOT_FINITE)
             return _ZERO
         return currents
 
@@ -263,16 +263,16 @@ class Loop:
         try:
             report = reports.encode_currents(self._link, currents)
         except ValueError:  # beyond what the firmware takes, which no limit before should have let through
-            self._fail(Fault.NOT_FINITE, now)
+            self._fail(Fault.NOT_FINITE)
             currents = _ZERO
             report = reports.encode_currents(self._link, currents)
         if self._wire.write(report):
             self._given = currents
         else:
-            self._fail(Fault.WRITE_FAILED, now)
+            self._fail(Fault.WRITE_FAILED)
 
-    def _fail(self, fault: Fault, now: float) -> None:
-        self._status = safety.failed(self._status, fault, now)
+    def _fail(self, fault: Fault) -> None:
+        self._status = safety.failed(self._status, fault)
 
     def _tell(self, now: float, currents: Triple) -> None:
         """What Blender sees of this period."""

@@ -104,13 +104,11 @@ WAITING = Given(waiting=True)
 class Status(NamedTuple):
     """What is known of the arm from one period to the next.
 
-    ``fault`` is the reason of the last fault, or why an order was refused or the force waits; NONE once the user got
-    on. ``since`` (s) when the state was entered.
+    ``fault``: the reason of the last fault, or why an order was refused or the force waits; NONE when the user got on.
     """
 
     state: State = State.CLOSED
     fault: Fault = Fault.NONE
-    since: float = 0.0
     seen: Seen = Seen()
     given: Given = NO_FORCE
     motors: Motors = Motors()
@@ -131,14 +129,14 @@ class Status(NamedTuple):
         return self.given.waiting
 
 
-def _moved(status: Status, state: State, fault: Fault, now: float) -> Status:
+def _moved(status: Status, state: State, fault: Fault) -> Status:
     """Into another state, which begins without force."""
-    return Status(state, fault, now, status.seen, NO_FORCE, Motors(ZERO, status.motors.heat))
+    return Status(state, fault, status.seen, NO_FORCE, Motors(ZERO, status.motors.heat))
 
 
 def opened(now: float) -> Status:
     """The arm was opened: it may be read, and nothing is written to it."""
-    return Status(State.OPEN, since=now, seen=Seen(now, now))
+    return Status(State.OPEN, seen=Seen(now, now))
 
 
 def homed(status: Status, limits: Limits, counts: Triple, angles: Triple, now: float) -> Status:
@@ -151,9 +149,9 @@ def homed(status: Status, limits: Limits, counts: Triple, angles: Triple, now: f
         return status
     refused = _no_home(status, limits, counts, angles, now)
     if refused:
-        return _moved(status, State.SAFE if status.state is State.SAFE else State.OPEN, refused, now)
+        return _moved(status, State.SAFE if status.state is State.SAFE else State.OPEN, refused)
     seen = Seen(now, status.seen.report_time, counts, status.seen.speed)
-    return _moved(status._replace(seen=seen), State.HOMED, Fault.NONE, now)
+    return _moved(status._replace(seen=seen), State.HOMED, Fault.NONE)
 
 
 def _no_home(status: Status, limits: Limits, counts: Triple, angles: Triple, now: float) -> Fault:
@@ -174,30 +172,30 @@ def _within_reach(limits: Limits, angles: Triple) -> bool:
     return a0 <= a <= a1 and b0 <= b <= b1 and c0 <= c <= c1 and d0 <= elbow_difference(angles) <= d1
 
 
-def armed(status: Status, now: float) -> Status:
+def armed(status: Status) -> Status:
     """The user wants force. Refused where the arm is not homed; after a fault its reason stays."""
     if status.state is State.HOMED:
-        return _moved(status, State.ARMED, Fault.NONE, now)
+        return _moved(status, State.ARMED, Fault.NONE)
     if status.state is State.OPEN:
         return status._replace(fault=Fault.NOT_HOMED)
     return status
 
 
-def disarmed(status: Status, now: float) -> Status:
+def disarmed(status: Status) -> Status:
     """The user wants no force any more."""
     if status.state in (State.ARMED, State.RUN):
-        return _moved(status, State.HOMED, Fault.NONE, now)
+        return _moved(status, State.HOMED, Fault.NONE)
     return status
 
 
-def failed(status: Status, fault: Fault, now: float) -> Status:
+def failed(status: Status, fault: Fault) -> Status:
     """Something is wrong: no force from now on, whatever the state.
 
     Of several faults the first stays, for the others follow from it; but that the arm is unplugged says more than they.
     """
     if status.state is State.SAFE and status.fault not in NOTICES and fault is not Fault.UNPLUGGED:
         return status
-    return _moved(status, State.CLOSED if status.state is State.CLOSED else State.SAFE, fault, now)
+    return _moved(status, State.CLOSED if status.state is State.CLOSED else State.SAFE, fault)
 
 
 def sensed(
@@ -214,34 +212,34 @@ def sensed(
     ``report_time`` is when it came; ``counts`` of its encoders, unwrapped; ``angles`` (rad) and ``velocity`` (m/s) are
     what follows from it. A homed arm that cannot be trusted any more is failed.
     """
-    state, fault, since, former, given, motors = status
+    state, fault, former, given, motors = status
     if state is State.CLOSED:
         return status
     speed = hypot(*velocity)
     if not isfinite(now + report_time + speed + sum(angles) + sum(counts)):
-        return failed(status, Fault.NOT_FINITE, former.time)
-    seen = Status(state, fault, since, Seen(now, report_time, counts, speed), given, motors)
+        return failed(status, Fault.NOT_FINITE)
+    seen = Status(state, fault, Seen(now, report_time, counts, speed), given, motors)
     if state is State.SAFE:
         return seen
     age = now - report_time
     if state is State.OPEN:
-        return failed(seen, Fault.SILENT, now) if age > ANSWER_TIME else seen
+        return failed(seen, Fault.SILENT) if age > ANSWER_TIME else seen
     gap = now - former.time
     if gap < 0.0 or age < -EARLY or report_time < former.report_time:
-        return failed(seen, Fault.CLOCK, now)
+        return failed(seen, Fault.CLOCK)
     if age > STALE_SENSOR:
-        return failed(seen, Fault.SILENT, now)
+        return failed(seen, Fault.SILENT)
     if gap > LONGEST_GAP:
-        return failed(seen, Fault.OVERRUN, now)
+        return failed(seen, Fault.OVERRUN)
     if _jumped(former, limits, report_time, counts):
-        return failed(seen, Fault.ENCODER_JUMP, now)
+        return failed(seen, Fault.ENCODER_JUMP)
     if not _within_reach(limits, angles):
-        return failed(seen, Fault.JOINT_LIMIT, now)
+        return failed(seen, Fault.JOINT_LIMIT)
     if state is State.RUN:
         if speed > FADED_SPEED * limits.max_velocity:
-            return failed(seen, Fault.VELOCITY, now)
+            return failed(seen, Fault.VELOCITY)
         if gap > LONGEST_STALL:
-            return _moved(seen, State.ARMED, Fault.STALL, now)
+            return _moved(seen, State.ARMED, Fault.STALL)
     return seen
 
 
@@ -262,23 +260,23 @@ def rendered(
     ``dt`` is the time since the last call, of which no more than a period counts, so that a loop that stood still goes
     on where it was. ``model_time`` is the age of what is felt, ``scene`` what it is: 0 for nothing.
     """
-    state, fault, since, seen, given, motors = status
+    state, fault, seen, given, motors = status
     if state is not State.RUN and state is not State.ARMED:
         return status
     x, y, z = force
     magnitude = hypot(x, y, z)
     if not isfinite(magnitude):
-        return failed(status, Fault.MODEL_NOT_FINITE, now)
+        return failed(status, Fault.MODEL_NOT_FINITE)
     age, scale = now - model_time, limits.force_scale
     if state is State.ARMED:
         there = scene != 0 and -EARLY <= age <= FADE_FROM
         if there and magnitude < SMALL_FORCE:
-            return Status(State.RUN, Fault.NONE, now, seen, Given(ZERO, 0.0, scene, scale), motors)
-        return Status(state, fault, since, seen, WAITING if there else NO_FORCE, motors)
+            return Status(State.RUN, Fault.NONE, seen, Given(ZERO, 0.0, scene, scale), motors)
+        return Status(state, fault, seen, WAITING if there else NO_FORCE, motors)
     if scene != given.scene:
-        return _moved(status, State.ARMED, Fault.NONE, now)
+        return _moved(status, State.ARMED, Fault.NONE)
     if not -EARLY <= age < FADE_TO:
-        return _moved(status, State.ARMED, Fault.MODEL_STALE, now)
+        return _moved(status, State.ARMED, Fault.MODEL_STALE)
     step = min(dt, limits.period) if dt > 0.0 else 0.0
     ramp = given.ramp
     if scale > given.force_scale:
@@ -288,7 +286,7 @@ def rendered(
     share *= ramp * _fade(age, FADE_FROM, FADE_TO)
     share *= _fade(seen.speed, limits.max_velocity, FADED_SPEED * limits.max_velocity)
     force = _towards(given.force, (x * share, y * share, z * share), limits.max_slew * step)
-    return Status(state, fault, since, seen, Given(force, ramp, scene, scale), motors)
+    return Status(state, fault, seen, Given(force, ramp, scene, scale), motors)
 
 
 def _fade(value: float, full: float, none: float) -> float:
@@ -321,19 +319,19 @@ def _towards(force: Triple, target: Triple, most: float) -> Triple:
 def limited_currents(status: Status, limits: Limits, currents: Triple, dt: float) -> tuple[Status, Triple]:
     """The ``currents`` (A) as the motors and the firmware can bear them: all scaled together, so the force keeps its
     direction. ``dt``, the time since the last call, is that in which the motors had what was given then."""
-    state, fault, since, seen, given, motors = status
+    state, fault, seen, given, motors = status
     warm = heat.warmed(motors.heat, motors.currents, dt if dt > 0.0 else 0.0, limits)
     if state is not State.RUN:
-        return Status(state, fault, since, seen, given, Motors(ZERO, warm)), ZERO
+        return Status(state, fault, seen, given, Motors(ZERO, warm)), ZERO
     a, b, c = currents
     if not isfinite(a + b + c):
-        return failed(status, Fault.NOT_FINITE, seen.time)._replace(motors=Motors(ZERO, warm)), ZERO
+        return failed(status, Fault.NOT_FINITE)._replace(motors=Motors(ZERO, warm)), ZERO
     if max(abs(a), abs(b), abs(c)) > limits.steady_current:
         share = min(map(heat.bearable_share, currents, warm, repeat(limits)))
         currents = a * share, b * share, c * share
         x, y, z = given.force
         given = given._replace(force=(x * share, y * share, z * share))
-    return Status(state, fault, since, seen, given, Motors(currents, warm)), currents
+    return Status(state, fault, seen, given, Motors(currents, warm)), currents
 
 
 def warmth(status: Status, limits: Limits) -> float:

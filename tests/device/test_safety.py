@@ -67,7 +67,6 @@ def at(state, force=PRESSING, ramp=1.0, now=NOW, fault=Fault.NONE, heat=ZERO, sp
     return Status(
         state,
         fault if state is not SAFE else fault or Fault.SILENT,
-        now - 1.0,
         Seen(now, now, COUNTS, speed),
         Given(force, ramp, SCENE, 1.0) if runs else Given(),
         Motors((0.5, -0.2, 0.1) if runs else ZERO, heat),
@@ -131,8 +130,8 @@ EVENTS = {
     "home out of reach": event(
         lambda s: home(s, angles=(0.1, 2.6, 0.3)), dict.fromkeys((HOMED, ARMED, RUN), OPEN), Fault.HOME_IMPLAUSIBLE
     ),
-    "arm": event(lambda s: safety.armed(s, NOW), {HOMED: ARMED}, Fault.NONE),
-    "disarm": event(lambda s: safety.disarmed(s, NOW), {ARMED: HOMED, RUN: HOMED}, Fault.NONE),
+    "arm": event(lambda s: safety.armed(s), {HOMED: ARMED}, Fault.NONE),
+    "disarm": event(lambda s: safety.disarmed(s), {ARMED: HOMED, RUN: HOMED}, Fault.NONE),
     "a good report": event(sense, {}),
     "no report for 20 ms": event(lambda s: sense(s, age=0.0199), {}),
     "no report for longer": event(lambda s: sense(s, age=0.021), to_safe(*DRIVEN), Fault.SILENT),
@@ -203,7 +202,7 @@ for axis in range(3):
             ),
         }
 for fault in Fault:
-    EVENTS[f"fails: {fault.name}"] = event(lambda s, f=fault: safety.failed(s, f, NOW), to_safe(OPEN, *DRIVEN), fault)
+    EVENTS[f"fails: {fault.name}"] = event(lambda s, f=fault: safety.failed(s, f), to_safe(OPEN, *DRIVEN), fault)
 
 
 @pytest.mark.parametrize("name", EVENTS)
@@ -225,7 +224,7 @@ def test_nothing_is_given_before_it_is_asked_for():
     """The whole way, each step by its own order: no force in any of them but the last."""
     status = safety.opened(NOW)
     assert status.state is OPEN
-    for order, state in ((sense, OPEN), (home, HOMED), (sense, HOMED), (lambda s: safety.armed(s, NOW), ARMED)):
+    for order, state in ((sense, OPEN), (home, HOMED), (sense, HOMED), (lambda s: safety.armed(s), ARMED)):
         status = order(status)
         assert status.state is state
         assert render(status, (0.0, 0.0, 9.0)).force == ZERO
@@ -237,24 +236,24 @@ def test_nothing_is_given_before_it_is_asked_for():
 
 @pytest.mark.parametrize("fault", [f for f in Fault if f not in NOTICES])
 def test_after_a_fault_the_user_has_to_home_and_to_arm(fault):
-    status = safety.failed(at(RUN), fault, NOW)
-    for order in (sense, lambda s: safety.armed(s, NOW), lambda s: safety.disarmed(s, NOW), render):
+    status = safety.failed(at(RUN), fault)
+    for order in (sense, lambda s: safety.armed(s), lambda s: safety.disarmed(s), render):
         status = order(status)
         assert status.state is SAFE
         assert status.fault is fault
     status = home(status)
     assert (status.state, status.fault) == (HOMED, Fault.NONE)
     assert render(status, ZERO).state is HOMED
-    assert render(safety.armed(status, NOW), ZERO).state is RUN
+    assert render(safety.armed(status), ZERO).state is RUN
 
 
 def test_of_several_faults_the_first_is_told_but_for_a_pulled_plug():
-    first = safety.failed(at(RUN), Fault.SILENT, NOW)
-    assert safety.failed(first, Fault.WRITE_FAILED, NOW).fault is Fault.SILENT
-    assert safety.failed(first, Fault.UNPLUGGED, NOW).fault is Fault.UNPLUGGED
+    first = safety.failed(at(RUN), Fault.SILENT)
+    assert safety.failed(first, Fault.WRITE_FAILED).fault is Fault.SILENT
+    assert safety.failed(first, Fault.UNPLUGGED).fault is Fault.UNPLUGGED
     refused = home(with_speed(first, 1.0))
     assert (refused.state, refused.fault) == (SAFE, Fault.HOME_MOVING)
-    assert safety.failed(refused, Fault.WRITE_FAILED, NOW).fault is Fault.WRITE_FAILED
+    assert safety.failed(refused, Fault.WRITE_FAILED).fault is Fault.WRITE_FAILED
 
 
 def test_a_stopped_arm_may_be_anywhere_and_its_reason_stays():
@@ -266,8 +265,8 @@ def test_a_stopped_arm_may_be_anywhere_and_its_reason_stays():
 
 
 def test_arming_is_refused_with_the_reason():
-    assert safety.armed(at(OPEN), NOW).fault is Fault.NOT_HOMED
-    assert safety.armed(at(CLOSED), NOW) == at(CLOSED)
+    assert safety.armed(at(OPEN)).fault is Fault.NOT_HOMED
+    assert safety.armed(at(CLOSED)) == at(CLOSED)
 
 
 def test_after_homing_the_counts_begin_anew():
@@ -351,8 +350,8 @@ def test_the_force_rises_in_a_straight_line_for_a_second_and_a_half():
         lambda s: render(render(s, scene=SCENE + 1), ZERO, scene=SCENE + 1),
         lambda s: render(render(s, age=0.2), ZERO),
         lambda s: render(sense(s, after=0.03), ZERO),
-        lambda s: render(safety.armed(home(sense(s, age=0.03), age=-0.001), NOW), ZERO),
-        lambda s: render(safety.armed(safety.disarmed(s, NOW), NOW), ZERO),
+        lambda s: render(safety.armed(home(sense(s, age=0.03), age=-0.001)), ZERO),
+        lambda s: render(safety.armed(safety.disarmed(s)), ZERO),
     ],
     ids=["scene", "stale model", "stalled loop", "fault", "disarmed"],
 )
@@ -529,7 +528,7 @@ def test_no_time_makes_a_motor_colder_than_its_current(dt):
 
 def test_a_fault_keeps_the_heat():
     warm = (0.4, 0.5, 0.6)
-    for does in (lambda s: safety.failed(s, Fault.SILENT, NOW), home, lambda s: safety.disarmed(s, NOW)):
+    for does in (lambda s: safety.failed(s, Fault.SILENT), home, lambda s: safety.disarmed(s)):
         assert does(at(RUN, heat=warm)).motors.heat == warm
     assert currents_of(at(RUN, heat=warm), (nan, 0.0, 0.0)).motors.heat == pytest.approx(warm, abs=1e-3)
 
@@ -584,11 +583,11 @@ def test_no_sequence_of_anything_gives_a_force_that_it_should_not(seed):
             angles = may.one(AT_HOME, may.vector(3.0))
             status = safety.homed(status, limits, COUNTS, angles, now)
         elif order == "arm":
-            status = safety.armed(status, now)
+            status = safety.armed(status)
         elif order == "disarm":
-            status = safety.disarmed(status, now)
+            status = safety.disarmed(status)
         elif order == "fail":
-            status = safety.failed(status, may.random.choice(list(Fault)), now)
+            status = safety.failed(status, may.random.choice(list(Fault)))
         elif order == "scale":
             scale = may.one(may.random.random(), *NOT_NUMBERS)
             scale = limits_of(*driven()[0], scale).force_scale
