@@ -55,8 +55,8 @@ class Place:
     Parameters
     ----------
     laid
-        What ``workspace`` was made from: as long as that stays, so does the workspace, even where a stroke made the
-        volume grow.
+        What ``workspace`` was made from: as long as that stays, so does the workspace, even where the volume grows and
+        shrinks.
     workspace
         Where the arm's workspace lies in the world.
     shift
@@ -108,7 +108,7 @@ def place_of(
     Raises ValueError with one line where the workspace has none.
     """
     matrix = np.array(view.obj.matrix_world, np.float64)
-    laid = (session.generation, wanted.axes, wanted.workspace_scale, _numbers(matrix), *_seen_from(view, wanted.axes))
+    laid = (session.volume_uid, wanted.axes, wanted.workspace_scale, _numbers(matrix), *_seen_from(view, wanted.axes))
     if former is not None and former.laid == laid:
         workspace = former.workspace
     else:

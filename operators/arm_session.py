@@ -296,7 +296,7 @@ class ArmSession:
         """Whether the user wants to push: the stylus is pressed or, by touch, force is felt."""
         if not self._is_by_touch(wanted):
             return bool(state.buttons & STYLUS)
-        return state.state == State.RUN and not state.waiting and model is not None and model.stress > TOUCH
+        return state.state == State.RUN and model is not None and model.stress > TOUCH
 
     def _is_by_touch(self, wanted: ArmSettings) -> bool:
         return wanted.stroke_on == "TOUCH" or not self.profile.buttons

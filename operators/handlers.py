@@ -115,7 +115,6 @@ def register():
 
 
 def unregister():
-    arm_session.close_arm()
     session.close_session()
     revisions.look()
     # Blender disables all add-ons when it ends: only where that is known not to be so, what undo needs has to stay.

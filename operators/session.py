@@ -148,7 +148,6 @@ class Session:
     def engine(self, engine: Engine | None) -> None:
         if engine is not None:
             self._forget_hash()  # it changes what was hashed
-            self.feeling = None
         self._engine = engine
 
     @property

@@ -12,7 +12,7 @@ from repousse.core import Material, Push, SphereTool, Stroke
 from repousse.core.engine import Engine
 from repousse.core.stroke import Sample
 from repousse.device.fault import Fault, State, fault_text
-from repousse.operators import arm_hand, arm_mapping, arm_session, session
+from repousse.operators import arm_hand, arm_mapping, arm_session, replay_stroke, session
 from repousse.operators.aim import Aim
 
 from .arms import (
@@ -191,6 +191,7 @@ def change(event, arm, loop, clay):
         arm.set_clutch(True)
         arm.set_clutch(False)
     elif event == "a stroke of the mouse":
+        live.feeling = None
         live.engine = engine = Engine(Push(live.grid, SphereTool(4.0), Material()))
         engine.start()
         engine.feed(Sample(0.0, (12.0, 12.0, 21.0)))
@@ -268,6 +269,24 @@ def test_nothing_is_felt_from_the_undo_on(arm, loop, clay):
     assert told == [(None, None)]
 
 
+def test_nothing_is_felt_while_a_stroke_is_replayed(arm, loop, clay, monkeypatch):
+    engage(loop)
+    felt = []
+    monkeypatch.setattr(replay_stroke, "walk", lambda *_: felt.append(session.live().feeling) or 0.0)
+    change("a replay", arm, loop, clay)
+    assert felt == [None]
+
+
+def test_another_object_is_reached_as_a_whole(arm, loop, clay):
+    loop.put(at(0.0, 0.0, TOP), state=State.HOMED)
+    look()
+    assert session.live().pointer.position == pytest.approx((0.0, 0.0, TOP), abs=1e-5)
+    assert bpy.ops.repousse.new_clay_block(resolution=16, size=2.4) == {"FINISHED"}
+    session.open_session(bpy.context.object)
+    look()
+    assert session.live().pointer.position == pytest.approx((0.0, 0.0, 2.0 * TOP), abs=1e-5)
+
+
 def test_a_view_that_is_being_turned_is_not_felt(arm, loop, clay):
     with preferring(axes="VIEW"):
         engage(loop, PROFILE.workspace_centre)
@@ -328,7 +347,12 @@ def test_a_stroke_that_makes_the_clay_grow_keeps_scene_and_place(arm, loop, clay
     assert session.live().grid.shape != (24, 24, 24), "it has not grown"
     until(lambda: session.live().feeling is not None and feels(loop), "the clay to be felt again")
     assert loop.model.scene == scene
-    assert session.live().pointer.position == pytest.approx((TOP, 0.0, TOP - 3 * EDGE), abs=1e-5)
+    where = pytest.approx((TOP, 0.0, TOP - 3 * EDGE), abs=1e-5)
+    assert session.live().pointer.position == where
+    bpy.ops.ed.undo()
+    until(lambda: session.live().feeling is not None and feels(loop), "the clay to be felt again")
+    assert session.live().grid.shape == (24, 24, 24)
+    assert loop.model.scene == scene + 1 and session.live().pointer.position == where
 
 
 def test_a_stroke_ends_when_the_button_does_however_late_blender_looks(arm, loop, clay):
@@ -497,6 +521,9 @@ def test_an_arm_that_is_not_armed_begins_none(arm, loop, begun, state):
     loop.put(buttons=1)
     look()
     assert not begun
+    loop.put(state=State.RUN)
+    look()
+    assert not begun, "the button was pressed before it meant anything"
 
 
 def test_by_touch_a_stroke_begins_where_the_clay_is_felt(arm, loop, begun):

@@ -14,7 +14,19 @@ from bl_ext.user_default.repousse.operators import arm_session
 from .. import arm
 from ..clay import assert_same, file_of, heights, in_file, new_slab
 from ..scenario import Steps, scenario
-from ..sculpting import assert_at_rest, live_grid, over, ready, recorded, replayed, running, stroke, threads
+from ..sculpting import (
+    assert_at_rest,
+    end,
+    half_a_stroke,
+    live_grid,
+    over,
+    ready,
+    recorded,
+    replayed,
+    running,
+    stroke,
+    threads,
+)
 from ..window import Window
 from .interrupted import ADDON
 
@@ -177,7 +189,9 @@ def the_mouse_sculpts_beside_an_arm(window: Window) -> Steps:
     yield from arm.connect(window, arm.hand(window.folder, [(0.5, (0.0, 0.5, 0.3), False)]))
     yield from window.until(felt, "the clay to be felt")
     start, former, scene = in_file(volume), file_of(volume), arm.arm().scene
-    yield from stroke(window, (-0.4, 0.0, 0.0), (0.4, 0.0, 0.0))
+    yield from half_a_stroke(window, (-0.4, 0.0, 0.0), (0.4, 0.0, 0.0))
+    assert not felt(), "two engines are at the same voxels"
+    yield from end(window)
     yield from window.drawn()
     kept(volume, start, former)
     yield from window.until(felt, "the clay to be felt again")
