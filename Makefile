@@ -59,7 +59,7 @@ lint: setup
 	@$(VENV)/bin/ruff check .
 	@$(VENV)/bin/ruff format --check .
 	@$(VENV)/bin/mypy
-	@$(VENV)/bin/clang-format --dry-run -Werror core/native/kernels.c
+	@$(VENV)/bin/clang-format --style=file:core/native/.clang-format --dry-run -Werror core/native/*.c tests/device/shim/*.[ch]
 
 clean:
 	@rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks repousse.egg-info
