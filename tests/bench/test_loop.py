@@ -11,13 +11,13 @@ import time
 from contextlib import contextmanager
 
 import pytest
-from tests.device.engaged import Engaged
-from tests.device.shim.log import Kind
-from tests.device.shim.served_arm import ServedArm
 
 from repousse.device import reports
 from repousse.device.profile import builtin_profiles
 from repousse.device.safety import State
+from tests.device.engaged import Engaged
+from tests.device.shim.log import Kind
+from tests.device.shim.served_arm import ServedArm
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the shim is for Linux")
 
