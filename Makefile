@@ -2,7 +2,7 @@
 # Every command first sets up what it needs, from PyPI alone; .ci/setup does only what has changed since.
 SHELL := bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-blender test-window figures bench package lint clean
+.PHONY: help setup demo demo-haptic test test-blender test-window figures bench package lint clean
 
 BPY ?=
 BLENDER ?= blender
@@ -19,6 +19,7 @@ PYTEST := $(PYTHON) -m pytest -c tests/pytest.ini
 
 help:
 	@echo 'make demo [INPUT=FILE]           push a stroke into Suzanne, or into a .pvm or .vdb: out/demo.vdb, out/demo.png'
+	@echo 'make demo-haptic                 press and draw with an arm in software: out/demo-haptic.png, out/demo-haptic.json'
 	@echo 'make test [TESTS=tests/core]     all tests, or some, with the bpy wheel'
 	@echo 'make test-blender BLENDER=PATH   the Blender tests in a real Blender, on the built and installed extension'
 	@echo 'make test-window BLENDER=PATH [TESTS="undo_* esc_*"]  strokes by mouse and keys in a Blender with a window; pictures in out/window'
@@ -35,6 +36,9 @@ setup:
 
 demo: setup
 	@$(PYTHON) tests/bench/demo.py $(if $(INPUT),"$(INPUT)")
+
+demo-haptic: setup
+	@$(PYTHON) -m tests.bench.demo_haptic
 
 test: setup
 	@$(PYTEST) $(TESTS)
