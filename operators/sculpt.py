@@ -133,6 +133,7 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
         if self._engine.contact is not self._shown:
             self._shown = self._engine.contact
             context.area.tag_redraw()
+            context.workspace.status_text_set(_status)  # its bar is drawn again for this alone
         return {"RUNNING_MODAL"}
 
     def _is_let_go(self, event) -> bool:
