@@ -145,7 +145,7 @@ def test_an_ageing_model_never_raises_the_force_of_an_arm_that_is_held(model, po
 def running(force, speed=0.0):
     """A status long after an engagement, with a force."""
     seen = Seen(NOW, NOW, ZERO, speed)
-    return Status(State.RUN, Fault.NONE, NOW - 9.0, seen, Given(force, 1.0, 1, 1.0), Motors())
+    return Status(State.RUN, Fault.NONE, seen, Given(force, 1.0, 1, 1.0), Motors())
 
 
 def settled(model, position, previous=None, coupling=Coupling.LOCAL):

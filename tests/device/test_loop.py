@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The loop, a period at a time: what comes in, what goes out, and that whatever goes wrong ends with zeros."""
 
+from dataclasses import replace
 from itertools import pairwise
 from math import dist, hypot, inf, nan
 
@@ -153,11 +154,14 @@ def test_what_the_motors_cannot_do_keeps_its_direction(rig):
     assert max(map(abs, rig.wire.written[-1].currents)) <= 0.95 * rig.link.firmware_current_limit + 1e-3
 
 
-def test_heat_takes_the_current_down_to_what_lasts(rig):
+def test_heat_takes_the_current_down_to_what_lasts():
+    """With windings that warm four times as quickly, for a test need not take a minute."""
+    rig = Rig(replace(PREMIUM, winding_time=PREMIUM.winding_time / 4.0))
     rig.engage(stress=30.0)
-    rig.run(60000)
+    rig.run(15000)
     assert max(map(abs, rig.wire.written[-1].currents)) == pytest.approx(PREMIUM.continuous_current, rel=0.02)
     assert rig.state.heat == pytest.approx(1.0, abs=0.02)
+    rig.close()
 
 
 def test_force_scale_scales(rig):

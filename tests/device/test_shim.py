@@ -268,23 +268,6 @@ def test_the_firmwares_watchdog_ends_the_current_of_a_program_that_stops(arm, pr
     assert flowing[-1] - received == pytest.approx(0.1, abs=0.05)
 
 
-def test_it_keeps_its_pace_and_costs_less_than_a_quarter_of_a_core(arm, program):
-    program.open()
-    arm.order("begin")
-
-    def spent():
-        fields = Path(f"/proc/{arm.process_id}/stat").read_text().rsplit(")", 1)[1].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-    before, start = spent(), time.perf_counter()
-    program("echo(3000) and None")
-    after, end = spent(), time.perf_counter()
-    arm.order("silence")
-    ticks = [entry.time for entry in arm.log() if entry.kind is Kind.STATE and start < entry.time < end]
-    assert (len(ticks) - 1) / (ticks[-1] - ticks[0]) == pytest.approx(1000, rel=0.005)
-    assert after - before < 0.25 * (end - start)
-
-
 def test_nothing_is_left_when_it_is_stopped():
     arm = ServedArm(PREMIUM)
     arm.start()
