@@ -162,7 +162,7 @@ def groove(pace: float = 0.03) -> Task:
     values[:, :, :filled] = clay.density
     assert clay.band is not None
     stroke = Stroke([], SphereTool(radius), replace(clay.material, full_force=6.0), band=clay.band * radius)
-    y, over, pressed, drawn = 0.035, 0.01, -0.0125, -0.0105
+    y, over, pressed, drawn = 0.035, 0.01, -0.0095, -0.0065
     end, back = 3.2 + 2.0 * y / pace, y - 0.018
     keys = (
         (1.8, (0.0, -y, over), False),

@@ -20,6 +20,10 @@ from .haptic_tasks import LAW, column, groove
 WITHIN = 0.05
 FRESH = 0.005
 """Seconds of a model's age up to which the hand, at 20 mm/s, has moved less than a twentieth of a voxel since."""
+UNDER_WAY = 5
+"""Milliseconds within which a force is at the motors."""
+ROUNDED = 0.002
+"""Newtons that half a milliampere, the step of a report, is at the tip; for three motors, and an encoder's step."""
 CLEAR = 1.0
 """Voxels from a kink of the law within which whole voxels show."""
 
@@ -98,6 +102,13 @@ def test_the_material_pushes_straight_back(pressed):
     assert trace.force[:, 2].min() >= 0.0
 
 
+def test_the_slope_is_told_in_the_arms_own_metres(pressed):
+    """The loop is asked for E at the loose front, and for E / d0 where it is compacted."""
+    asked = [seen.state.slope_asked for seen in pressed.moments if seen.state.slope_asked > 0.0]
+    assert min(asked) == pytest.approx(LAW.elastic_slope * pressed.task.scale, rel=WITHIN)
+    assert max(asked) == pytest.approx(LAW.stiffness * pressed.task.scale, rel=WITHIN)
+
+
 def test_what_was_compacted_stands_ahead_of_the_punch(pressed):
     """(d0 delta - kappa D) / (1 - d0) of full material, at the deepest that was solved."""
     deepest = max(pressed.task.place[2] - sample.position[2] for sample in pressed.stroke.samples)
@@ -125,20 +136,19 @@ def test_it_comes_on_softly(performed):
     assert rising[0].state.ramp < 0.5
     took = rising[-1].state.time - rising[0].state.time
     assert took >= 0.95 * RAMP_TIME * (rising[-1].state.ramp - rising[0].state.ramp)
-    for seen in moments:
-        assert hypot(*seen.state.force) <= seen.state.ramp * seen.model.yield_stress + 1e-3
+    for seen in rising:  # the loop may have had the model before
+        assert hypot(*seen.state.force) <= 1.05 * seen.state.ramp * seen.model.yield_stress + 0.02
     assert rising[-1].model.stress == 0.0
 
 
 def test_the_motors_gave_what_the_loop_says(performed):
-    """The arm's own log of currents, through its kinematics, against the loop's words for the same time."""
+    """The arm's own log of currents, through its kinematics, against the loop's words just before."""
     motors, told = seen_by(performed, "the motors"), performed.told()
     largest = np.linalg.norm(told.force, axis=1).max()
-    nearest = np.searchsorted(motors.time, told.time + 0.001).clip(0, len(motors.time) - 1)
-    on_time = np.abs(motors.time[nearest] - told.time - 0.001) <= 0.002
-    apart = np.linalg.norm(motors.force[nearest] - told.force, axis=1)[on_time]
-    assert on_time.sum() > 200
-    assert np.quantile(apart, 0.9) <= 0.02 * largest
+    next_one = np.searchsorted(motors.time, told.time)
+    entries = (next_one[:, None] + np.arange(UNDER_WAY)).clip(0, len(motors.time) - 1)
+    apart = np.linalg.norm(motors.force[entries] - told.force[:, None], axis=2).min(axis=1)
+    assert np.quantile(apart, 0.9) <= 0.01 * largest + ROUNDED
 
 
 def test_the_sculpture_is_that_of_its_recording(performed, tmp_path):
@@ -172,14 +182,17 @@ def test_the_groove_is_where_the_hand_drew_it(drawn):
         assert density[across, along, top:].max() < 0.01
         assert top - density[across, along, :top].sum() == pytest.approx(depth, abs=1.0)
         risen = density[:, along, top:].sum(axis=1)
-        assert min(risen[:across].max(), risen[across:].max()) > 1.0
+        assert min(risen[:across].max(), risen[across:].max()) > 0.3
 
 
-def test_the_hand_feels_the_groove_against_it(drawn):
-    """Up and back, all the way that it draws."""
+def test_the_hand_feels_the_clay_against_its_way(drawn):
+    """All the way that it draws; how much of the force is upwards depends on how much clay it has before it."""
     trace, (_, y, _) = drawn.told(), ARM.workspace_centre
     drawing = np.abs(trace.place[:, 1] - y) <= 0.02
     drawing[trace.place[:, 1].argmax() :] = False  # by then it is on its way out
     assert drawing.sum() > 200
-    assert np.quantile(trace.force[drawing, 2], 0.05) > 0.02
-    assert np.quantile(trace.force[drawing, 1], 0.95) < -0.05
+    force = trace.force[drawing]
+    assert np.quantile(np.linalg.norm(force, axis=1), 0.05) > 0.1
+    assert np.quantile(force[:, 1], 0.95) < -0.1
+    assert np.quantile(force[:, 2], 0.05) > -0.02
+    assert np.quantile(np.abs(force[:, 0]), 0.95) < 0.05
