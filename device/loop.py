@@ -17,7 +17,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -246,9 +245,6 @@ class Loop:
         self._status = safety.rendered(self._status, self._limits, now, dt, model.time, scene, felt.force)
         currents = kinematics.currents(self._profile, self._angles, self._status.force)
         self._status, currents = safety.limited_currents(self._status, self._limits, currents, dt)
-        if not all(map(isfinite, currents)):
-            self._fail(Fault.NOT_FINITE)
-            return _ZERO
         return currents
 
     def _write(self, currents: Triple, now: float, fresh: bool) -> None:
