@@ -33,7 +33,9 @@ LONGEST_STEP = 0.5
 SAME_DIRECTION = 1e-9
 """Distance of two unit vectors that differ by rounding only."""
 TURNING_STEP = 0.25
-"""Voxels of travel since the last dispersion from which on they give its direction."""
+"""Voxels of travel, since it last told the direction of a dispersion, from which on it tells it again."""
+RETREAT = 0.5
+"""Component of a way along the outward contact normal above which the tool is drawn back."""
 MOST_SWEEPS = 4
 """Sweeps to a solve: the first, and at most three that correct for what left the reach."""
 GROWTH_SHARE = 64
@@ -341,28 +343,37 @@ class Push:
 
     def _move_density(self, position: Vector, turned_at: Vector, normal: Vector) -> _Moved | None:
         """Disperse or draw out what is too much in the tool, if it is known whither."""
-        direction = self._push_direction(position, turned_at, normal)
+        direction, turned = self._push_direction(position, turned_at, normal)
         if direction is None:
             return None
         moved = self._draw_out(direction) if self.verb == "pull" else self._relax(direction)
         if moved is not None:
-            self._direction, self._turned_at = direction, position
+            self._direction = direction
+            if turned:
+                self._turned_at = position
         return moved
 
-    def _push_direction(self, position: Vector, turned_at: Vector, normal: Vector) -> Vector | None:
-        """u: the direction given; else the displacement since the last dispersion, the previous u, or into the contact
-        (DESIGN 2)."""
+    def _push_direction(self, position: Vector, turned_at: Vector, normal: Vector) -> tuple[Vector | None, bool]:
+        """u: the direction given; else the displacement since it last told u, the previous u, or into the contact
+        (DESIGN 2). And whether this is where u was told anew: were it each dispersion, a path of small steps would
+        never turn."""
         if self._given is not None:
-            return self._given
-        length = dist(position, turned_at)
-        if length >= TURNING_STEP:
-            direction = _scaled(position, turned_at, 1.0 / length)
-            # A straight path keeps its direction to the last bit, and with it all that was made ready for it.
-            same = self._direction is not None and dist(direction, self._direction) < SAME_DIRECTION
-            return self._direction if same else direction
-        if self._direction is not None:
-            return self._direction
-        return _scaled((0.0, 0.0, 0.0), normal, 1.0) if hypot(*normal) >= 1.0 - 1e-9 else None
+            return self._given, True
+        former, way = self._direction, dist(position, turned_at)
+        if way < TURNING_STEP:
+            if former is not None:
+                return former, False
+            return (_scaled((0.0, 0.0, 0.0), normal, 1.0) if hypot(*normal) >= 1.0 - 1e-9 else None), True
+        direction = _scaled(position, turned_at, 1.0 / way)
+        if former is None:
+            return direction, True
+        # A straight path keeps its direction to the last bit, and with it all that was made ready for it.
+        if dist(direction, former) < SAME_DIRECTION:
+            return former, True
+        # What is drawn back pushes nothing that way, also where the material is so full that it stays overloaded.
+        if sum(n * d for n, d in zip(normal, direction, strict=True)) > RETREAT:
+            return former, False
+        return direction, True
 
     def _relax(self, direction: Vector) -> _Moved:
         """Move density until sigma = sigma_f: k_t (M_t - x) = k_s (M_s + x - L(x))."""

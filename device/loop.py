@@ -242,7 +242,9 @@ class Loop:
         if felt.fault:
             self._fail(felt.fault)
         scene = 0 if self._request.clutch else model.scene
-        self._status = safety.rendered(self._status, self._limits, now, dt, model.time, scene, felt.force)
+        self._status = safety.rendered(
+            self._status, self._limits, now, dt, model.time, scene, felt.force, felt.magnitude
+        )
         currents = kinematics.currents(self._profile, self._angles, self._status.force)
         self._status, currents = safety.limited_currents(self._status, self._limits, currents, dt)
         return currents

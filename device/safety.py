@@ -253,24 +253,33 @@ def _jumped(former: Seen, limits: Limits, report_time: float, counts: Triple) ->
 
 
 def rendered(
-    status: Status, limits: Limits, now: float, dt: float, model_time: float, scene: int, force: Triple
+    status: Status,
+    limits: Limits,
+    now: float,
+    dt: float,
+    model_time: float,
+    scene: int,
+    force: Triple,
+    magnitude: float,
 ) -> Status:
     """How much of a felt ``force`` (N) is given: ``.force`` of the result.
 
     ``dt`` is the time since the last call, of which no more than a period counts, so that a loop that stood still goes
-    on where it was. ``model_time`` is the age of what is felt, ``scene`` what it is: 0 for nothing.
+    on where it was. ``model_time`` is the age of what is felt, ``scene`` what it is: 0 for nothing. ``magnitude`` (N)
+    is that of the force before it faded with the contact normal: deep inside, where it comes as soon as the hand moves,
+    it is not small.
     """
     state, fault, seen, given, motors = status
     if state is not State.RUN and state is not State.ARMED:
         return status
     x, y, z = force
-    magnitude = hypot(x, y, z)
-    if not isfinite(magnitude):
+    strength = hypot(x, y, z)
+    if not isfinite(strength + magnitude):
         return failed(status, Fault.MODEL_NOT_FINITE)
     age, scale = now - model_time, limits.force_scale
     if state is State.ARMED:
         there = scene != 0 and -EARLY <= age <= FADE_FROM
-        if there and magnitude < SMALL_FORCE:
+        if there and max(strength, magnitude) < SMALL_FORCE:
             return Status(State.RUN, Fault.NONE, seen, Given(ZERO, 0.0, scene, scale), motors)
         return Status(state, fault, seen, WAITING if there else NO_FORCE, motors)
     if scene != given.scene:
@@ -282,7 +291,7 @@ def rendered(
     if scale > given.force_scale:
         ramp *= given.force_scale / scale  # the same force as before, and from there on up
     ramp = min(ramp + step / RAMP_TIME, 1.0)
-    share = limits.max_force / magnitude if magnitude * scale > limits.max_force else scale
+    share = limits.max_force / strength if strength * scale > limits.max_force else scale
     share *= ramp * _fade(age, FADE_FROM, FADE_TO)
     share *= _fade(seen.speed, limits.max_velocity, FADED_SPEED * limits.max_velocity)
     force = _towards(given.force, (x * share, y * share, z * share), limits.max_slew * step)

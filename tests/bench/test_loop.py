@@ -49,7 +49,7 @@ def test_a_minute_of_force(benchmark, figures, tmp_path, scheduling):
     still = tmp_path / "still.jsonl"
     still.write_text('{"intention": 1}\n{"time": 0.0, "position": [0.0, 0.0, 0.0]}\n')
     with (
-        ServedArm(PREMIUM, script=still, log_states=False) as arm,
+        ServedArm(PREMIUM, script=still, number=100 + os.getpid() % 900, log_states=False) as arm,
         Engaged(PREMIUM, arm.path, arm.environment) as engaged,
         busy_core(),
     ):

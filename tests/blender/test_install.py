@@ -59,12 +59,13 @@ def test_zip_holds_the_add_on_and_nothing_else(archive, manifest):
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for path in (ROOT / package).rglob("*")
-        if path.suffix in {".py", ".c", ".dat"}
+        if path.suffix in {".py", ".c", ".dat", ".toml"}
     }
     beside = {"__init__.py", "blender_manifest.toml", "README.md", "CHANGELOG.md", "LICENSE"}
     wheels = {wheel.removeprefix("./") for wheel in manifest["wheels"]}
     assert set(archive.namelist()) == code | beside | wheels
     assert {"core/push.py", "core/native/kernels.c", "operators/cli.py", "ui/icons/repousse.push.dat"} <= code
+    assert {"device/loop.py", "device/profiles/links.toml"} <= code
     assert not {"tests", ".ci", "build"} & {name.split("/")[0] for name in archive.namelist()}
 
 

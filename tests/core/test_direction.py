@@ -2,13 +2,14 @@
 """A push leaves the same pit and the same compacted front whichever way it goes through the lattice."""
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from repousse.core import Material, Push, SphereTool, dispersion
+from repousse.core import Material, Push, Regime, SphereTool, dispersion
 
 from .volumes import TINY, line, net_moved, tilted_half_space, walk
 
@@ -110,3 +111,38 @@ def test_front_lies_ahead(direction):
     mean = (offsets * gain.ravel()).sum(axis=1) / gain.sum()
     angle = np.degrees(np.arccos(np.clip(mean @ u / np.linalg.norm(mean), -1.0, 1.0)))
     assert angle < 1.0
+
+
+@pytest.mark.parametrize("step", [0.25, 0.1, 1 / 32])
+def test_a_path_of_small_steps_turns(step):
+    """An arm is solved every few hundredths of a voxel: pressed in and drawn along, it leaves the groove that the
+    mouse's half voxels leave, and lifts nothing up."""
+
+    def groove(step):
+        grid = tilted_half_space(48, 1.0, (0.0, 0.0, 1.0))
+        push = Push(grid, SphereTool(6.0), Material(3.3, 0.05), border="wall", band=6.0)
+        surface = (48 - 1) / 2
+        corners = [(15.0, 23.5, surface - 7.0), (15.0, 23.5, surface - 2.0), (32.0, 23.5, surface - 2.0)]
+        for start, end in pairwise(corners):
+            walk(push, line(start, end, step))
+        return grid.density, push
+
+    untouched = tilted_half_space(48, 1.0, (0.0, 0.0, 1.0)).density
+    (wanted, _), (fine, push) = groove(0.5), groove(step)
+    assert push._direction == pytest.approx((1.0, 0.0, 0.0), abs=0.05)
+    assert np.abs(fine - wanted).sum() < 0.15 * np.abs(wanted - untouched).sum()
+
+
+def test_a_tool_that_is_drawn_back_does_not_turn():
+    """Not even out of material so full that it stays overloaded: nothing is pushed the way it goes."""
+    grid = tilted_half_space(40, 1.0, (0.0, 0.0, 1.0))
+    push = Push(grid, SphereTool(6.0), Material(33.0, 0.05), border="wall")
+    surface = (40 - 1) / 2
+    walk(push, line((19.5, 19.5, surface - 7.0), (19.5, 19.5, surface - 1.7), 0.01))
+    into = push._direction
+    overloaded = 0
+    for place in line((19.5, 19.5, surface - 1.7), (19.5, 19.5, surface - 3.7), 0.01):
+        contact = push.move_to(place)
+        overloaded += contact.regime is Regime.PLASTIC
+        assert push._direction == into and contact.force[2] <= 0.0
+    assert overloaded > 26

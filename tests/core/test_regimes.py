@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is felt: the four regimes, the force, and a tool that is inside, at rest, reversing, or has no room at all."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -360,5 +362,8 @@ def test_any_path_is_felt_truly(path, density, band, capsule):
     """|force| = min(stress, yield stress), and the grid changes in plastic loading alone, whatever the hand does."""
     tool = CapsuleTool((0.0, 3.0, 1.0), 4.0) if capsule else SphereTool(5)
     go = Cautious(Push(half_space(32, density, 14), tool, Material(2.0, 0.05), border="wall", band=band))
-    for depth, aside in path:
-        go((8.0 + depth, 15.5 + aside, 15.5))
+    places = [(8.0 + depth, 15.5 + aside, 15.5) for depth, aside in path]
+    go(places[0])
+    for start, end in pairwise(places):
+        for place in line(start, end, 0.5)[1:]:  # a solve each: what several do together has the regime of the last
+            go(place)

@@ -84,7 +84,8 @@ def still(tmp_path):
 
 @pytest.fixture
 def arm(still):
-    with ServedArm(PREMIUM, script=still) as arm:
+    number = 100 + os.getpid() % 900  # a lock is by path, and other runs on this machine have arms as well
+    with ServedArm(PREMIUM, script=still, number=number) as arm:
         yield arm
 
 

@@ -153,7 +153,7 @@ def settled(model, position, previous=None, coupling=Coupling.LOCAL):
     status = running(ZERO)
     for _ in range(30):
         felt = feel(model, position, age=0.0, previous=previous, coupling=coupling)
-        status = safety.rendered(status, LIMITS, NOW, 1e-3, NOW, 1, felt.force)
+        status = safety.rendered(status, LIMITS, NOW, 1e-3, NOW, 1, felt.force, felt.magnitude)
     return status
 
 
@@ -165,7 +165,7 @@ def test_a_stall_of_blender_never_raises_the_force_of_an_arm_that_is_held(model,
     for n in range(1, 120):
         now = NOW + n * 1e-3
         felt = felt_force(model, None, position, ZERO, now, LIMITS)
-        status = safety.rendered(status, LIMITS, now, 1e-3, model.time, 1, felt.force)
+        status = safety.rendered(status, LIMITS, now, 1e-3, model.time, 1, felt.force, felt.magnitude)
         strengths.append(hypot(*status.force))
     assert all(later <= sooner + 1e-12 for sooner, later in pairwise(strengths))
     assert not any(strengths[101:])
@@ -178,7 +178,7 @@ def test_a_stall_of_the_loop_never_raises_the_force_of_an_arm_that_is_held(model
     before = settled(model, position)
     for renewed in (model, model._replace(time=NOW + stall)):
         felt = felt_force(renewed, model, position, ZERO, NOW + stall, LIMITS)
-        after = safety.rendered(before, LIMITS, NOW + stall, stall, renewed.time, 1, felt.force)
+        after = safety.rendered(before, LIMITS, NOW + stall, stall, renewed.time, 1, felt.force, felt.magnitude)
         assert hypot(*after.force) <= hypot(*before.force) + 1e-12
 
 
@@ -190,7 +190,7 @@ def test_a_stall_in_which_arm_and_material_went_on_adds_what_a_period_may(
     before = settled(model, position, coupling=coupling)
     after = other._replace(time=NOW + stall)
     felt = felt_force(after, model, elsewhere, velocity, NOW + stall, LIMITS, coupling)
-    status = safety.rendered(before, LIMITS, NOW + stall, stall, after.time, 1, felt.force)
+    status = safety.rendered(before, LIMITS, NOW + stall, stall, after.time, 1, felt.force, felt.magnitude)
     assert away_from_what_shrinks(status.force, before.force) <= STEP + 1e-9
     assert hypot(*status.force) <= hypot(*before.force) + STEP + 1e-9
 

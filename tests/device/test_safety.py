@@ -81,8 +81,9 @@ def sense(status, after=PERIOD, age=0.0, counts=COUNTS, angles=AT_HOME, velocity
     return safety.sensed(status, limits, now, now - age, counts, angles, velocity)
 
 
-def render(status, force=PRESSING, dt=PERIOD, age=0.001, scene=SCENE, limits=LIMITS, now=NOW + PERIOD):
-    return safety.rendered(status, limits, now, dt, now - age, scene, force)
+def render(status, force=PRESSING, dt=PERIOD, age=0.001, scene=SCENE, limits=LIMITS, now=NOW + PERIOD, magnitude=None):
+    strength = hypot(*force) if magnitude is None else magnitude
+    return safety.rendered(status, limits, now, dt, now - age, scene, force, strength)
 
 
 def home(status, counts=COUNTS, angles=AT_HOME, age=0.0):
@@ -601,7 +602,7 @@ def test_no_sequence_of_anything_gives_a_force_that_it_should_not(seed):
             sensed = safety.sensed(status, limits, late, reported, counts, angles, velocity)
             assert former.state is RUN or sensed.state is not RUN
             age, scene, felt = may.one(0.002, 0.04, 0.07, 0.2, -1.0, nan, inf), may.one(1, 0, 2), may.felt()
-            status = safety.rendered(sensed, limits, late, dt, late - age, scene, felt)
+            status = safety.rendered(sensed, limits, late, dt, late - age, scene, felt, hypot(*felt))
             if status.state is RUN and sensed.state is not RUN:
                 assert sensed.state is ARMED
                 assert hypot(*felt) < SMALL_FORCE
@@ -721,3 +722,11 @@ def test_a_number_that_means_nothing_is_told_as_that(number):
     assert str(number) in safety.state_text(number)
     assert str(number + 14) in safety.fault_text(number + 14) or number == -1
     assert str(-5) in safety.fault_text(-5)
+
+
+def test_a_force_that_has_faded_is_not_small():
+    """Deep inside uniform material there is no outside to push to, but drag as soon as the hand moves."""
+    waiting = render(at(ARMED), ZERO, magnitude=SMALL_FORCE)
+    assert waiting.state is ARMED and waiting.waiting and waiting.force == ZERO
+    assert render(at(ARMED), ZERO, magnitude=0.99 * SMALL_FORCE).state is RUN
+    assert render(at(RUN), ZERO, magnitude=nan).state is SAFE

@@ -93,8 +93,8 @@ class Node:
             except BlockingIOError:
                 self.dropped += 1
                 self._log.add(Kind.DROPPED, now, report)
-            except OSError:
-                self._drop(program)
+            except OSError:  # it has closed the node; what it wrote last is read before it is dropped
+                continue
 
     def _let_in(self, now: float) -> None:
         assert self._listener is not None
