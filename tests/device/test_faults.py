@@ -147,7 +147,7 @@ def test_plugged_in_again_it_has_to_be_connected_homed_and_armed(arm, still):
     "order, values, told, within",
     [
         ("silence", {}, Fault.SILENT, 0.020),
-        ("instead", {"data": "00" * 13, "count": 1}, Fault.WRONG_REPORT, 0.001),
+        ("instead", {"data": "00" * 13, "count": 5}, Fault.WRONG_REPORT, 0.001),
         ("jump", {"counts": [3000, 0, 0]}, Fault.ENCODER_JUMP, 0.001),
     ],
     ids=["silent", "wrong length", "encoder jump"],
