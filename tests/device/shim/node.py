@@ -116,6 +116,8 @@ def _packet(program: socket.socket) -> bytes | None:
     """The next packet, b"" while there is none, None when the other end has closed."""
     try:
         return program.recv(LARGEST) or None
+    except ConnectionResetError:  # it closed with reports unread: told once, before what it has written itself
+        return _packet(program)
     except BlockingIOError:
         return b""
     except OSError:
