@@ -219,8 +219,9 @@ def test_what_is_written_last_arrives_though_reports_are_unread(arm, program):
     """As the kernel sends on what was written before a close: here the zeros of a loop that ends."""
     for _ in range(10):
         program.open()
-        program("time.sleep(0.01)")
-        program("[device.write(bytes([0, 232, 3]) + bytes(62)), device.write(bytes(65)), device.close()] and None")
+        program("device.write(bytes([0, 232, 3]) + bytes(62))")
+        until(lambda: arm.order("state")["currents"] == [1.0, 0.0, 0.0])
+        program("[device.write(bytes(65)), device.close()] and None")
         until(lambda: not arm.order("state")["open"])
         assert arm.order("state")["currents"] == [0.0, 0.0, 0.0]
 
