@@ -230,7 +230,7 @@ class Loop:
         if model is not self._model:
             self._former_model, self._model = self._model, model
         felt = felt_force(
-            self._model if not self._request.clutch else ForceModel(),
+            None if self._request.clutch else model,
             self._former_model,
             self._position,
             self._velocity,
