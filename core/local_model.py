@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 from .native.state import Probe
-from .plasticity import contact_normal, estimate, stresses
+from .plasticity import contact_normal, estimate, stress_gradient, stresses
 from .push import Push
 from .symmetry import SymmetricPush
 from .tool import Tool, Vector
@@ -63,11 +63,10 @@ class Feeler:
         if self._push.epoch != epoch:
             return None
         self._asked = (epoch, position, tool)
-        masses = self._probe.estimate
-        x, y, z = masses.gradient
-        stress, yield_stress = stresses(masses, self._k_t, self._k_s, self._push.verb == "push")
-        slope = (self._k_t * x, self._k_t * y, self._k_t * z)
-        self._model = LocalModel(epoch, time, position, stress, yield_stress, slope, contact_normal((x, y, z)))
+        masses, material = self._probe.estimate, self._push.material
+        stress, yield_stress = stresses(masses, material, self._k_t, self._k_s, self._push.verb == "push")
+        slope, normal = stress_gradient(masses, material, self._k_t), contact_normal(tuple(masses.gradient))
+        self._model = LocalModel(epoch, time, position, stress, yield_stress, slope, normal)
         return self._model
 
     def _estimate(self, position: Vector, tool: Tool) -> None:
