@@ -66,9 +66,9 @@ def with_exponent(material: Material, paper: np.ndarray, exponent: float) -> np.
 
 
 def force_error(force: np.ndarray, truth: np.ndarray) -> float:
-    """RMS of what is left of ``truth`` (n,) by the best multiple of ``force`` (n,), over the RMS of ``truth``."""
+    """RMS of what is left of ``truth`` (n,) by the best multiple of ``force`` (n,), over the peak of ``truth``."""
     factor = force @ truth / (force @ force)
-    return float(np.sqrt(np.mean((factor * force - truth) ** 2) / np.mean(truth**2)))
+    return float(np.sqrt(np.mean((factor * force - truth) ** 2)) / truth.max())
 
 
 def errors(press: Press) -> dict[float, tuple[float, float]]:
@@ -86,7 +86,7 @@ def errors(press: Press) -> dict[float, tuple[float, float]]:
 
 def main() -> None:
     """Print the table."""
-    print(f"RMS force error of a ball of {RADIUS:g} voxels, {DEEP:g} R deep (in brackets: the bare power)")
+    print(f"RMS force error over the peak, a ball of {RADIUS:g} voxels {DEEP:g} R deep (in brackets: the bare power)")
     print(f"{'':22}{'truth':>12}" + "".join(f"{f'm = {m:g}':>18}" for m in EXPONENTS))
     for press in PRESSES:
         cells = "".join(f"{f'{100 * a:.1f} % ({100 * b:.1f} %)':>18}" for a, b in errors(press).values())
