@@ -21,8 +21,8 @@ class LocalModel:
 
     ``position`` is in voxels, in the frame of the push's poses; ``stress`` (sigma) and ``yield_stress`` (sigma_f) are
     in newtons, ``gradient`` is that of sigma in newtons per voxel, ``normal`` points out of the material and fades
-    where the surroundings are uniform. So the voxels were at ``time`` (perf_counter, seconds), in this ``epoch`` of the
-    push.
+    where the surroundings are uniform. ``exponent`` is that of the power of M_t as which sigma grows here.
+    So the voxels were at ``time`` (perf_counter, seconds), in this ``epoch`` of the push.
     """
 
     epoch: int
@@ -32,6 +32,7 @@ class LocalModel:
     yield_stress: float
     gradient: Vector
     normal: Vector
+    exponent: float = 1.0
 
 
 class Feeler:
@@ -65,8 +66,9 @@ class Feeler:
         self._asked = (epoch, position, tool)
         masses, material = self._probe.estimate, self._push.material
         stress, yield_stress = stresses(masses, material, self._k_t, self._k_s, self._push.verb == "push")
-        slope, normal = stress_gradient(masses, material, self._k_t), contact_normal(tuple(masses.gradient))
-        self._model = LocalModel(epoch, time, position, stress, yield_stress, slope, normal)
+        slope, exponent = stress_gradient(masses, material, self._k_t)
+        normal = contact_normal(tuple(masses.gradient))
+        self._model = LocalModel(epoch, time, position, stress, yield_stress, slope, normal, exponent)
         return self._model
 
     def _estimate(self, position: Vector, tool: Tool) -> None:

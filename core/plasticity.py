@@ -41,11 +41,12 @@ def stresses(masses: Estimate, material: Material, k_t: float, k_s: float, yield
     return stress, yield_stress if yields else max(stress, yield_stress)
 
 
-def stress_gradient(masses: Estimate, material: Material, k_t: float) -> Vector:
-    """grad sigma in newtons per voxel of the tool's way: d sigma / d M_t times grad M_t."""
-    _, rate = material.felt(k_t * masses.tool_mass)
-    x, y, z = masses.gradient
-    return k_t * rate * x, k_t * rate * y, k_t * rate * z
+def stress_gradient(masses: Estimate, material: Material, k_t: float) -> tuple[Vector, float]:
+    """grad sigma = d sigma / d M_t grad M_t in newtons per voxel of the tool's way, and d ln sigma / d ln M_t: the
+    material's exponent, and 1 where nothing is touched yet."""
+    paper, (x, y, z) = k_t * masses.tool_mass, masses.gradient
+    stress, rate = material.felt(paper)
+    return (k_t * rate * x, k_t * rate * y, k_t * rate * z), rate * paper / stress if stress > 0.0 else 1.0
 
 
 def overloaded(stress: float, yield_stress: float) -> bool:

@@ -68,8 +68,8 @@ class RepousseSettings(bpy.types.PropertyGroup):
     )
     force_exponent: bpy.props.FloatProperty(
         name="Force Exponent",
-        description="Power, from 0.5 to 1.5, of what the tool holds that its force grows with: 1 is the paper's, 0.75 that "
-        "of elastic contact, 0.5 of fully plastic contact, firm from the first touch. No voxel depends on it",
+        description="Power, from 0.5 to 1.5, of what the tool holds that its force grows with: 1 is the paper's, 0.75 "
+        "elastic contact's, 0.5 fully plastic contact's, firm from the first touch. No voxel depends on it",
         default=_DEFAULT.material.exponent,
         min=EXPONENTS[0],
         max=EXPONENTS[1],

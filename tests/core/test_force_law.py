@@ -204,6 +204,9 @@ def test_the_gradient_that_the_arm_follows_is_that_of_the_stress(kernels, m, x):
     model = feeler.feel(place, push.tool)
     assert (model.stress < F * START**m) == (x < 8.0)
     assert model.stress == pytest.approx(push.contacts[0].stress, rel=1e-5)
+    assert abs(model.exponent - 1.0) <= abs(m - 1.0) + 1e-12
+    if x > 8.0:
+        assert model.exponent == pytest.approx(m, rel=1e-12)
     slopes = []
     for axis in range(3):
         beside = [np.array(place) + np.eye(3)[axis] * h for h in (-5e-4, 5e-4)]
@@ -211,6 +214,7 @@ def test_the_gradient_that_the_arm_follows_is_that_of_the_stress(kernels, m, x):
         slopes.append((high - low) / 1e-3)
     assert slopes == pytest.approx(model.gradient, rel=1e-3, abs=1e-3 * np.linalg.norm(slopes))
     steepest = 0.75 * F / R * (2.0 - m) * START ** (m - 1.0)
+    assert feeler.feel((2.0, 19.2, 18.7), push.tool).exponent == 1.0  # of nothing
     if m <= 1.0:  # 3 F / (4 R) at the equator, times the steepest slope of the law
         assert 0.0 < np.linalg.norm(model.gradient) < 1.05 * steepest
 
