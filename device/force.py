@@ -6,10 +6,10 @@ only the change less steep, the force would be too small on the way in and put r
 point, before the way out: that gives energy to the hand. In simulation (45 g arm, soft grip, a new model each
 millisecond) a wall of 1500 N/m felt so with a cap of 800 N/m shakes the hand by 0.8 mm; softened, it is at rest.
 
-A stress that grows as a power m < 1 of the depth has risen by sigma / depth = |gradient| / m on average, and that is the
-slope asked for: softened by the tangent's, the force of one model after the other would rise by 1 / m times what was
+A stress that grows as a power m < 1 of the depth has risen by sigma / depth = |gradient| / m on average, and that is
+asked for: softened by the tangent's slope, the force of one model after the other would rise by 1 / m times what was
 granted. In the same simulation sigma = 3.3 N (depth / 22 mm)^(1/2) then shakes the hand by 0.2 mm; as it is, by 0.001.
-Of the tangent and the softened secant the lesser is felt: a force of position alone, which only falls as the model ages.
+Of the tangent and the softened secant the lesser is felt: a force of position alone, and less as the model ages.
 """
 
 from __future__ import annotations

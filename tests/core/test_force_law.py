@@ -166,6 +166,17 @@ def test_no_voxel_depends_on_it(kernels, density, band, verb):
                     assert told == Material(F, 0.1, m).felt(newtons)[0]
 
 
+def test_the_tolerance_of_what_is_overloaded_does_not_depend_on_it():
+    """It is a share of the mass: in steps so small that the load creeps up to it, it is reached at the same step."""
+    moved = []
+    for m in (1.0, *POWERS):
+        push = ball(m)
+        walk(push, line((7.0, 19.2, 18.7), (11.0, 19.2, 18.7), 0.4))
+        moved.append([push.move_to((11.0 + 0.0002 * step, 19.2, 18.7)).moved_mass for step in range(60)])
+    assert 0 < np.count_nonzero(moved[0]) < 40  # it waits for more than one step
+    assert moved == [moved[0]] * 4
+
+
 def test_no_voxel_of_the_recursion_and_of_mirrored_tools_depends_on_it():
     runs = []
     for m in (1.0, 0.5):
