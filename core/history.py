@@ -13,7 +13,8 @@ from threading import Lock
 
 import numpy as np
 
-from .grid import BRICK, Box, DensityGrid
+from .bricks import BRICK, MIXED, BrickMap
+from .grid import Box, DensityGrid
 from .native.state import Workspace, pointer
 
 
@@ -167,7 +168,10 @@ class History:
             image = now.images[number, i0 - i : i1 - i, j0 - j : j1 - j, k0 - k : k1 - k]
             grid.density[i0:i1, j0:j1, k0:k1] = image
         if grid.shape != self._shape:
-            grid.density = np.ascontiguousarray(
-                grid.density[tuple(slice(a, b) for a, b in zip(begin, end, strict=True))]
-            )
+            part = grid.density[tuple(slice(a, b) for a, b in zip(begin, end, strict=True))]
+            grid.swap(BrickMap(np.ascontiguousarray(part)))
+        else:
+            states = grid.bricks.states.reshape(-1)
+            states[now.bricks[: now.count[0]]] = MIXED
+            grid.bricks.settle(self.touched)
         grid.transform = self._transform.copy()

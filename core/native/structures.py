@@ -3,7 +3,7 @@
 
 from ctypes import POINTER, Structure, c_double, c_float, c_int64, c_uint8, c_void_p, sizeof
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 """Must equal ABI_VERSION in kernels.c: raised when a field changes its meaning."""
 
 CLUSTERS = 9
@@ -28,6 +28,7 @@ class GridState(Structure):
     _fields_ = [
         ("density", POINTER(c_float)),
         ("shape", c_int64 * 3),
+        ("states", POINTER(c_uint8)),
         ("kept", POINTER(c_uint8)),
         ("images", POINTER(c_float)),
         ("bricks", POINTER(c_int64)),
@@ -36,9 +37,9 @@ class GridState(Structure):
 
 
 class Estimate(Structure):
-    """M_t, M_s in voxels' worth, and grad M_t in voxels' worth per voxel of the tool's travel."""
+    """M_t, M_s in voxels' worth, and grad M_t in voxels' worth per voxel of the tool's travel; voxels read for it."""
 
-    _fields_ = [("tool_mass", c_double), ("reach_mass", c_double), ("gradient", c_double * 3)]
+    _fields_ = [("tool_mass", c_double), ("reach_mass", c_double), ("gradient", c_double * 3), ("read", c_int64)]
 
 
 class Emptied(Structure):
