@@ -102,8 +102,8 @@ typedef struct {
     int64_t plane, spread_done;
     int64_t needs[6]; // the sides that must grow: below and above along axes 0, 1, 2
     double laid, reach_gain, mass_out, surplus;
-    int64_t planes, visited;
-    int64_t dirty[6]; // low and high of what was written, grid order
+    int64_t planes, visited, read; // visited: cells of flux; read: voxels of density
+    int64_t dirty[6];              // low and high of what was written, grid order
 } Sweep;
 
 typedef struct {
@@ -1125,11 +1125,24 @@ static void touch_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b) 
     slab->dirty_c1 = most(slab->dirty_c1, s->window[3]);
 }
 
+// Whether the map knows that the voxels [b0, b1) x [c0, c1) of this plane are full: all flux goes on, and none is read.
+static int surely_full(const Grid *g, const Frame *f, int64_t plane, int64_t b0, int64_t b1, int64_t c0, int64_t c1) {
+    if (!g->states) return 0;
+    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
+    const int64_t strides[3] = {nj * nk, nk, 1}, b_stride = strides[f->axis[1]], c_stride = strides[f->axis[2]];
+    const uint8_t *states = g->states + plane / BRICK * strides[f->axis[0]];
+    for (int64_t b = b0 / BRICK; b * BRICK < b1; b++)
+        for (int64_t c = c0 / BRICK; c * BRICK < c1; c++)
+            if (states[b * b_stride + c * c_stride] != FULL) return 0;
+    return 1;
+}
+
 // Fill what room one row has outside the tool. Returns whether any flux is left in it.
 static int fill_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b, float *row, int64_t readable) {
     const int64_t *w = s->window, n = w[3] - w[2];
     const double x = (double)s->plane - f->centre[0], y = (double)b - f->centre[1];
     float *d = row + w[2], *flux = flux_at(s, b, w[2]);
+    s->read += n;
     if (all_full(d, n)) return 1; // saturated: all goes on
     // Beyond the window the flux is 0, and so is what it lays: whole lanes are faster where there is memory to read.
     const int64_t lanes = w[2] + whole_lanes(n) <= readable ? whole_lanes(n) : n;
@@ -1152,9 +1165,11 @@ static int fill_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b, fl
 // Fill what room this plane has. Returns whether any flux is left.
 static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
     const int in_memory = f->stride[2] == 1;
+    const int64_t *w = s->window;
     int left = 0;
-    if (!in_memory && !slab_holds(slab, s->window, s->plane)) load_slab(g, f, s, slab, s->plane);
-    for (int64_t b = s->window[0]; b < s->window[1]; b++) {
+    if (surely_full(g, f, s->plane, w[0], w[1], w[2], w[3])) return 1;
+    if (!in_memory && !slab_holds(slab, w, s->plane)) load_slab(g, f, s, slab, s->plane);
+    for (int64_t b = w[0]; b < w[1]; b++) {
         const int64_t start = s->plane * f->stride[0] + b * f->stride[1], voxels = f->n[0] * f->n[1] * f->n[2];
         float *row = in_memory ? g->density + start : slab_row(s, slab, s->plane, b);
         left |= fill_row(g, f, s, slab, b, row, in_memory ? voxels - start : 0);
@@ -1177,10 +1192,10 @@ static void prefetch_row(const float *d, int64_t low, int64_t high) {
 // Ask for a plane's rows while the flux is still being spread: each is a new place in memory.
 static void prefetch_plane(const Grid *g, const Frame *f, const Sweep *s) {
     if (f->stride[2] != 1) return; // those planes are read through the slab
-    for (int64_t b = most(0, s->window[0] - 1); b < least(f->n[1], s->window[1] + 1); b++) {
-        const float *d = g->density + s->plane * f->stride[0] + b * f->stride[1];
-        prefetch_row(d, most(0, s->window[2] - 1), least(f->n[2], s->window[3] + 1));
-    }
+    const int64_t *w = s->window, b0 = most(0, w[0] - 1), b1 = least(f->n[1], w[1] + 1);
+    const int64_t c0 = most(0, w[2] - 1), c1 = least(f->n[2], w[3] + 1);
+    if (surely_full(g, f, s->plane, b0, b1, c0, c1)) return;
+    for (int64_t b = b0; b < b1; b++) prefetch_row(g->density + s->plane * f->stride[0] + b * f->stride[1], c0, c1);
 }
 
 // Carry the emptied mass plane by plane along the dominant axis, from the tool's rear (DESIGN 2, Dispersion).

@@ -85,6 +85,7 @@ class Sweep(Structure):
         ("surplus", c_double),
         ("planes", c_int64),
         ("visited", c_int64),
+        ("read", c_int64),
         ("dirty", c_int64 * 6),
     ]
 
