@@ -67,7 +67,7 @@ typedef struct {
     // Before-images of bricks (core/history.py); kept is NULL when nobody asked for them.
     uint8_t *kept;
     float *images;
-    int64_t *bricks, *kept_count;
+    int64_t *bricks, *entries, *kept_count, *image_count; // entry: the image's number from 1, or -1 - State
 } Grid;
 
 typedef struct {
@@ -375,16 +375,22 @@ static void voxel_at(const Grid *g, int64_t index, int64_t at[3]) {
 
 // Before-images of bricks (core/history.py), and boxes around what was written.
 
-static void keep_brick(Grid *g, int64_t brick, int64_t bi, int64_t bj, int64_t bk) {
-    if (g->kept[brick]) return;
-    g->kept[brick] = 1;
-    float *image = g->images + *g->kept_count * (BRICK * BRICK * BRICK);
+static void copy_brick(const Grid *g, int64_t bi, int64_t bj, int64_t bk, float *image) {
     const int64_t n = least(BRICK, g->shape[2] - bk * BRICK);
     for (int64_t i = bi * BRICK; i < least((bi + 1) * BRICK, g->shape[0]); i++)
         for (int64_t j = bj * BRICK; j < least((bj + 1) * BRICK, g->shape[1]); j++)
             memcpy(image + ((i - bi * BRICK) * BRICK + (j - bj * BRICK)) * BRICK,
                    g->density + (i * g->shape[1] + j) * g->shape[2] + bk * BRICK, (size_t)n * sizeof(float));
+}
+
+// Of a brick that is known to be empty or full no image is needed.
+static void keep_brick(Grid *g, int64_t brick, int64_t bi, int64_t bj, int64_t bk) {
+    if (g->kept[brick]) return;
+    g->kept[brick] = 1;
+    const int known = g->states && g->states[brick] != MIXED;
+    if (!known) copy_brick(g, bi, bj, bk, g->images + (*g->image_count)++ * (BRICK * BRICK * BRICK));
     g->bricks[*g->kept_count] = brick;
+    g->entries[*g->kept_count] = known ? -1 - g->states[brick] : *g->image_count;
     // Another thread may ask what was here (History.original): the image is whole before it is counted, and counted
     // before the brick is written.
     __atomic_thread_fence(__ATOMIC_RELEASE);

@@ -31,8 +31,8 @@ _FAR = np.iinfo(np.int64).max
 class Keeper(Protocol):
     """Who keeps before-images (core/history.py)."""
 
-    def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
-        """Copy the bricks of a half-open box that are not kept yet."""
+    def keep(self, low: Sequence[int], high: Sequence[int], known: BrickMap | None) -> None:
+        """Copy the bricks of a half-open box that are not kept yet, but for those that ``known`` says all of."""
         ...
 
     def grew(self, density: np.ndarray, below: tuple[int, int, int]) -> None:
@@ -125,7 +125,7 @@ class Workspace(Probe):
     def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
         """Before a box is written: copy its bricks, once, if anyone asked for before-images, and mark them."""
         if self.history is not None:
-            self.history.keep(low, high)
+            self.history.keep(low, high, self.bricks)
         if self.bricks is not None:
             self.bricks.mark(low, high)
 

@@ -32,7 +32,9 @@ class GridState(Structure):
         ("kept", POINTER(c_uint8)),
         ("images", POINTER(c_float)),
         ("bricks", POINTER(c_int64)),
+        ("entries", POINTER(c_int64)),
         ("kept_count", POINTER(c_int64)),
+        ("image_count", POINTER(c_int64)),
     ]
 
 
