@@ -322,6 +322,7 @@ def _sweep_numpy(work: Workspace) -> int:
         state.planes += 1
         if work.flux.size:
             state.visited += work.flux.size
+            state.read += work.flux.size
             _stop_at_band(work, order)
             _fill_plane(work, order, planes[state.plane])
         if not work.flux.any():

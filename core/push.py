@@ -15,7 +15,8 @@ import numpy as np
 
 from . import dispersion, rim
 from . import smooth as smoothing
-from .grid import BRICK, Box, DensityGrid, union
+from .bricks import BRICK
+from .grid import Box, DensityGrid, union
 from .history import History
 from .material import Material, largest_yield_ratio
 from .native.state import BORDERS, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
@@ -129,7 +130,7 @@ class Push:
         for what, value in (("band", 0.0 if band is None else band), ("rim", rim), ("wake", wake)):
             if not _is_length(value):
                 raise ValueError(f"{what} is a number from 0 up, not {value!r}")
-        if not any(plane.any() for plane in grid.density):  # as soon as there is some: a stroke begins with this
+        if grid.bricks.empty:
             raise ValueError("the grid is empty: no voxel has any density to push")
         self.grid, self.material, self.verb = grid, material, verb
         self.method, self.border, self.rim, self.wake = method, border, rim, wake
@@ -139,7 +140,7 @@ class Push:
         self._strength = 1.0
         self._given: Vector | None = None  # direction of the present move
         self._aimed: tuple | None = None  # what the sweeps are made ready for
-        self._work = Workspace(grid.density)
+        self._work = Workspace(grid.density, grid.bricks)
         self._take_up(tool)
         self._warn_if_unyielding()
         self.lift()
@@ -468,8 +469,9 @@ class Push:
         masses.tool_mass += work.rim.tool_gain - emptied.tool_loss
         masses.reach_mass += work.rim.reach_gain + sweep.reach_gain - emptied.reach_loss
         moved.out += sweep.mass_out
-        for box in (self._emptied_box(axis), box_from(sweep.dirty), box_from(work.rim.dirty)):
-            moved.dirty = union(moved.dirty, self._in_pose_frame(box))
+        dirty = union(union(self._emptied_box(axis), box_from(sweep.dirty)), box_from(work.rim.dirty))
+        work.settle(dirty)
+        moved.dirty = union(moved.dirty, self._in_pose_frame(dirty))
         moved.sweeps += 1
         moved.mass += emptied.mass - left
         moved.blocked |= left > BLOCKED * emptied.mass
@@ -523,7 +525,7 @@ class Push:
         bricks = [BRICK * max(1, n // GROWTH_SHARE) for n in self.grid.shape]
         below = (bricks[0] * bool(below[0]), bricks[1] * bool(below[1]), bricks[2] * bool(below[2]))
         self.grid.grow(below, (bricks[0] * bool(above[0]), bricks[1] * bool(above[1]), bricks[2] * bool(above[2])))
-        work.attach(self.grid.density, sweeping=True)
+        work.attach(self.grid.density, self.grid.bricks, sweeping=True)
         work.moved(below)
         self._follow_grid(below)
 
@@ -532,7 +534,7 @@ class Push:
         if self._work.density is self.grid.density:
             return
         x, y, z = (now - then for now, then in zip(self.grid.grown, self._grown, strict=True))
-        self._work.attach(self.grid.density)
+        self._work.attach(self.grid.density, self.grid.bricks)
         self._solved = None
         self._follow_grid((x, y, z))
 

@@ -178,7 +178,8 @@ class Session:
         self.changed(None)
 
     def changed(self, box: Box | None) -> None:
-        """Tell the view that the voxels of ``box`` (array indices) are not what they were; None: any of them."""
+        """The voxels of ``box`` (array indices) are not what they were; None: any. The view and the map are told."""
+        self.grid.bricks.changed(box)
         if box is None:
             self._seen = None
             self.generation = next(_generations)

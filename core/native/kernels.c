@@ -22,7 +22,7 @@
 #define ALWAYS_INLINE static inline __attribute__((always_inline)) // 6 % of a push, where it is used twice
 
 #define ABI_VERSION 3          // the loader refuses any other
-#define BRICK 8                // edge of a brick, core/grid.py
+#define BRICK 8                // edge of a brick, core/bricks.py
 #define SHELL 0.5              // thickness of the shells that are emptied one after another, voxels
 #define MAX_SHELLS 4096        // so tools are under 2000 voxels thick
 #define NEGLIGIBLE 1e-4f       // flux below this at the window's edge is folded inward (DESIGN 2)
@@ -54,6 +54,7 @@
 #define FRAME 2 // zeros around the flux
 
 enum Border { GROW = 0, WALL = 1, OPEN = 2 };
+enum State { EMPTY = 0, FULL = 1, MIXED = 2 }; // of a brick
 enum Status { DONE = 0, NEEDS_GROWTH = 1, LIST_FULL = 2 };
 
 typedef struct {
@@ -69,14 +70,16 @@ typedef struct {
 typedef struct {
     float *density;
     int64_t shape[3];
+    uint8_t *states; // of bricks (core/bricks.py); NULL where nobody knows
     // Before-images of bricks (core/history.py); kept is NULL when nobody asked for them.
     uint8_t *kept;
     float *images;
-    int64_t *bricks, *kept_count;
+    int64_t *bricks, *entries, *kept_count, *image_count; // entry: the image's number from 1, or -1 - State
 } Grid;
 
 typedef struct {
     double tool_mass, reach_mass, gradient[3];
+    int64_t read; // voxels
 } Estimate;
 
 typedef struct {
@@ -106,8 +109,8 @@ typedef struct {
     int64_t plane, spread_done;
     int64_t needs[6]; // the sides that must grow: below and above along axes 0, 1, 2
     double laid, reach_gain, mass_out, surplus;
-    int64_t planes, visited;
-    int64_t dirty[6]; // low and high of what was written, grid order
+    int64_t planes, visited, read; // visited: cells of flux; read: voxels of density
+    int64_t dirty[6];              // low and high of what was written, grid order
 } Sweep;
 
 typedef struct {
@@ -265,6 +268,49 @@ static uint32_t any_bits(const float *v, int64_t n) { // of numbers >= 0: not ze
     return bits;
 }
 
+// What the map knows of the rows that go through the same bricks (core/bricks.py), half open.
+typedef struct {
+    int64_t some, some_end; // elsewhere all is 0
+    int64_t full, full_end; // here all is 1
+} Known;
+
+static const Known nothing_known = {0, INT64_MAX, 0, 0};
+
+static Known known_of(const Grid *g, int64_t i, int64_t j, int64_t low, int64_t high) {
+    if (!g->states || low >= high) return nothing_known;
+    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
+    const uint8_t *states = g->states + (i / BRICK * nj + j / BRICK) * nk;
+    Known known = {INT64_MAX, 0, high, 0};
+    int64_t k = low / BRICK, end = (high + BRICK - 1) / BRICK;
+    while (k < end && states[k] == EMPTY) k++;
+    while (k < end && states[end - 1] == EMPTY) end--;
+    if (k == end) return known;
+    known.some = k * BRICK;
+    known.some_end = end * BRICK;
+    while (k < end && states[k] != FULL) k++;
+    known.full = k * BRICK;
+    while (k < end && states[k] == FULL) k++;
+    known.full_end = k * BRICK;
+    return known;
+}
+
+static int is_empty(const Known *known, int64_t low, int64_t high) {
+    return high <= known->some || low >= known->some_end;
+}
+
+static int is_full(const Known *known, int64_t low, int64_t high) {
+    return low >= known->full && high <= known->full_end;
+}
+
+// Whether any of the voxels [low, high) of a row is not 0.
+static int any_in(const Known *known, const float *d, int64_t low, int64_t high, int64_t *read) {
+    if (is_full(known, low, high)) return 1;
+    low = most(low, known->some);
+    high = least(high, known->some_end);
+    *read += most(0, high - low);
+    return any_bits(d + low, high - low) != 0;
+}
+
 static double row_sum(const float *v, int64_t n) {
     double lanes[LANES] = {0.0};
     int64_t k = 0;
@@ -287,31 +333,44 @@ static void add_covered(float radius, float across2, float z, const float *restr
     }
 }
 
+static const float ones[LANES] = {1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f};
+
 // Sum of a ball's coverage times value over the voxels [first, last) of a row; v is the row's element 0, were it there.
-static double ball_sum(double radius, double across2, double z, int64_t first, int64_t last, const float *v) {
+// What is known to be 0 is left out, and what is known to be 1 is not read: no bit of the sum is another for it.
+static double ball_sum(double radius, double across2, double z, int64_t first, int64_t last, const float *v,
+                       const Known *known, int64_t *read) {
     const double outer2 = (radius + 0.5) * (radius + 0.5);
     if (across2 >= outer2) return 0.0;
     const double half = sqrt(outer2 - across2);
     const int64_t end = least(last, floor_of(z + half) + 1), begin = most(first, ceil_of(z - half));
-    if (begin >= end) return 0.0;
+    if (begin >= end || is_empty(known, begin, end)) return 0.0;
     // As long as a multiple of LANES, where the row allows: what is added is not covered and changes no sum.
     const int64_t low = most(first, end - whole_lanes(end - begin)), high = least(last, low + whole_lanes(end - low));
+    const int64_t whole = low + (high - low) / LANES * LANES, stop = least(whole, known->some_end);
     float lanes[LANES] = {0.0f};
     double sum = 0.0;
     int64_t k = low;
-    for (; k + LANES <= high; k += LANES)
-        add_covered((float)radius, (float)across2, (float)((double)k - z), v + k, lanes);
-    for (; k < high; k++) sum += coverage_at(sqrt(across2 + ((double)k - z) * ((double)k - z)) - radius) * (double)v[k];
+    while (k + LANES <= known->some) k += LANES;
+    if (is_full(known, low, whole)) {
+        for (; k < stop; k += LANES) add_covered((float)radius, (float)across2, (float)((double)k - z), ones, lanes);
+    } else {
+        *read += most(0, stop - k);
+        for (; k < stop; k += LANES) add_covered((float)radius, (float)across2, (float)((double)k - z), v + k, lanes);
+    }
+    for (k = whole; k < high; k++)
+        sum += coverage_at(sqrt(across2 + ((double)k - z) * ((double)k - z)) - radius) * (double)v[k];
     for (int l = 0; l < LANES / 2; l++) lanes[l] += lanes[l + LANES / 2];
     for (int l = 0; l < LANES / 2; l++) sum += (double)lanes[l];
     return sum;
 }
 
 // The same for any shape.
-static double covered_sum(const Shape *s, double x, double y, double z, int64_t first, int64_t last, const float *v) {
-    if (s->ball) return ball_sum(s->radius, x * x + y * y, z, first, last, v);
+static double covered_sum(const Shape *s, double x, double y, double z, int64_t first, int64_t last, const float *v,
+                          const Known *known, int64_t *read) {
+    if (s->ball) return ball_sum(s->radius, x * x + y * y, z, first, last, v, known, read);
     const Span span = row_span(s, x, y, z, last);
     double sum = 0.0;
+    *read += most(0, span.high - most(first, span.low));
     for (int64_t k = most(first, span.low); k < span.high; k++)
         if (v[k] > 0.0f) sum += coverage(s, x, y, (double)k - z) * (double)v[k];
     return sum;
@@ -333,18 +392,22 @@ static void voxel_at(const Grid *g, int64_t index, int64_t at[3]) {
 
 // Before-images of bricks (core/history.py), and boxes around what was written.
 
-static void keep_brick(Grid *g, int64_t bi, int64_t bj, int64_t bk) {
-    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
-    const int64_t brick = (bi * nj + bj) * nk + bk;
-    if (g->kept[brick]) return;
-    g->kept[brick] = 1;
-    float *image = g->images + *g->kept_count * (BRICK * BRICK * BRICK);
+static void copy_brick(const Grid *g, int64_t bi, int64_t bj, int64_t bk, float *image) {
     const int64_t n = least(BRICK, g->shape[2] - bk * BRICK);
     for (int64_t i = bi * BRICK; i < least((bi + 1) * BRICK, g->shape[0]); i++)
         for (int64_t j = bj * BRICK; j < least((bj + 1) * BRICK, g->shape[1]); j++)
             memcpy(image + ((i - bi * BRICK) * BRICK + (j - bj * BRICK)) * BRICK,
                    g->density + (i * g->shape[1] + j) * g->shape[2] + bk * BRICK, (size_t)n * sizeof(float));
+}
+
+// Of a brick that is known to be empty or full no image is needed.
+static void keep_brick(Grid *g, int64_t brick, int64_t bi, int64_t bj, int64_t bk) {
+    if (g->kept[brick]) return;
+    g->kept[brick] = 1;
+    const int known = g->states && g->states[brick] != MIXED;
+    if (!known) copy_brick(g, bi, bj, bk, g->images + (*g->image_count)++ * (BRICK * BRICK * BRICK));
     g->bricks[*g->kept_count] = brick;
+    g->entries[*g->kept_count] = known ? -1 - g->states[brick] : *g->image_count;
     // Another thread may ask what was here (History.original): the image is whole before it is counted, and counted
     // before the brick is written.
     __atomic_thread_fence(__ATOMIC_RELEASE);
@@ -352,12 +415,16 @@ static void keep_brick(Grid *g, int64_t bi, int64_t bj, int64_t bk) {
     __atomic_thread_fence(__ATOMIC_RELEASE);
 }
 
-// Before any voxel of the box is written for the first time in a stroke, its bricks are copied.
+// Before any voxel of the box is written, its bricks are copied, the first time in a stroke, and marked.
 static void keep_box(Grid *g, int64_t i0, int64_t i1, int64_t j0, int64_t j1, int64_t k0, int64_t k1) {
-    if (!g->kept) return;
+    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
     for (int64_t bi = i0 / BRICK; bi <= (i1 - 1) / BRICK; bi++)
         for (int64_t bj = j0 / BRICK; bj <= (j1 - 1) / BRICK; bj++)
-            for (int64_t bk = k0 / BRICK; bk <= (k1 - 1) / BRICK; bk++) keep_brick(g, bi, bj, bk);
+            for (int64_t bk = k0 / BRICK; bk <= (k1 - 1) / BRICK; bk++) {
+                const int64_t brick = (bi * nj + bj) * nk + bk;
+                if (g->kept) keep_brick(g, brick, bi, bj, bk);
+                if (g->states) g->states[brick] = MIXED;
+            }
 }
 
 static void mark_dirty(int64_t dirty[6], int64_t i0, int64_t i1, int64_t j0, int64_t j1, int64_t k0, int64_t k1) {
@@ -366,6 +433,52 @@ static void mark_dirty(int64_t dirty[6], int64_t i0, int64_t i1, int64_t j0, int
         dirty[a] = least(dirty[a], low[a]);
         dirty[3 + a] = most(dirty[3 + a], high[a]);
     }
+}
+
+// What bricks hold (core/bricks.py).
+
+static int all_equal(const float *d, int64_t n, uint32_t word) {
+    uint32_t bits = 0, other;
+    for (int64_t k = 0; k < n; k++) {
+        memcpy(&other, d + k, sizeof other);
+        bits |= other ^ word;
+    }
+    return bits == 0;
+}
+
+static int all_full(const float *d, int64_t n) {
+    const float one = 1.0f;
+    uint32_t full;
+    memcpy(&full, &one, sizeof full);
+    return all_equal(d, n, full);
+}
+
+static uint8_t state_of(const float *density, const int64_t shape[3], int64_t bi, int64_t bj, int64_t bk) {
+    const int64_t n = least(BRICK, shape[2] - bk * BRICK);
+    const float first = density[(bi * BRICK * shape[1] + bj * BRICK) * shape[2] + bk * BRICK];
+    const uint8_t state = first == 1.0f ? FULL : EMPTY;
+    for (int64_t i = bi * BRICK; i < least((bi + 1) * BRICK, shape[0]); i++)
+        for (int64_t j = bj * BRICK; j < least((bj + 1) * BRICK, shape[1]); j++) {
+            const float *d = density + (i * shape[1] + j) * shape[2] + bk * BRICK;
+            if (!(state == FULL ? all_full(d, n) : all_equal(d, n, 0))) return MIXED;
+        }
+    return state;
+}
+
+// Find out what the marked bricks from `first` up to `last` (indices of bricks) are; returns how many those were.
+EXPORT int64_t repousse_classify(const float *density, const int64_t shape[3], uint8_t *states, const int64_t first[3],
+                                 const int64_t last[3]) {
+    const int64_t nj = (shape[1] + BRICK - 1) / BRICK, nk = (shape[2] + BRICK - 1) / BRICK;
+    int64_t marked = 0;
+    for (int64_t bi = first[0]; bi < last[0]; bi++)
+        for (int64_t bj = first[1]; bj < last[1]; bj++)
+            for (int64_t bk = first[2]; bk < last[2]; bk++) {
+                uint8_t *state = states + (bi * nj + bj) * nk + bk;
+                if (*state != MIXED) continue;
+                *state = state_of(density, shape, bi, bj, bk);
+                marked++;
+            }
+    return marked;
 }
 
 // Estimate (core/plasticity.py).
@@ -426,15 +539,26 @@ static void weigh_stretch(const Shape *s, double x, double y, double z, Span spa
     }
 }
 
-static void weigh_row(const Shape *s, double x, double y, double z, int64_t n, const float *d, Estimate *out) {
+// The sum of a row's wholly covered voxels.
+static double core_sum(const float *d, Span core, const Known *known, int64_t *read) {
+    const int64_t n = core.high - core.low;
+    if (is_full(known, core.low, core.high)) return (double)n;
+    *read += n;
+    return row_sum(d + core.low, n);
+}
+
+static void weigh_row(const Shape *s, double x, double y, double z, int64_t n, const float *d, const Known *known,
+                      Estimate *out) {
     const Span span = row_span(s, x, y, z, n);
     if (!s->ball) {
+        out->read += span.high - span.low;
         weigh_stretch(s, x, y, z, span, d, out);
         return;
     }
     const Span core = ball_core(s->radius, x * x + y * y, z, span);
+    out->read += span.high - span.low - (core.high - core.low);
     weigh_skin(s->radius, x, y, z, (Span){span.low, core.low}, d, out);
-    out->tool_mass += row_sum(d + core.low, core.high - core.low);
+    out->tool_mass += core_sum(d, core, known, &out->read);
     weigh_skin(s->radius, x, y, z, (Span){core.high, span.high}, d, out);
 }
 
@@ -442,12 +566,14 @@ static void weigh_tool(const Grid *g, const Tool *t, Estimate *out) {
     int64_t low[3], high[3], first, last;
     box_of(&t->volume, t->centre, g->shape, low, high);
     for (int64_t i = low[0]; i < high[0]; i++) {
+        Known known = nothing_known;
         rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
+            if (j == first || j % BRICK == 0) known = known_of(g, i, j, low[2], high[2]);
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-            if (!any_bits(d + low[2], most(0, high[2] - low[2]))) continue; // most of a tool has been emptied
+            if (!any_in(&known, d, low[2], high[2], &out->read)) continue; // most of a tool has been emptied
             weigh_row(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], t->centre[2], g->shape[2], d,
-                      out);
+                      &known, out);
         }
     }
 }
@@ -461,10 +587,14 @@ EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out) {
     box_of(&t->surroundings, t->centre, g->shape, low, high);
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
+        Known known = nothing_known;
         rows_of(&t->surroundings, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
+            if (j == first || j % BRICK == 0) known = known_of(g, i, j, low[2], high[2]);
+            if (is_empty(&known, low[2], high[2])) continue;
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-            both += covered_sum(&t->surroundings, x, (double)j - t->centre[1], t->centre[2], 0, g->shape[2], d);
+            both += covered_sum(&t->surroundings, x, (double)j - t->centre[1], t->centre[2], 0, g->shape[2], d, &known,
+                                &out->read);
         }
     }
     out->reach_mass = both - out->tool_mass;
@@ -543,16 +673,18 @@ static void send_carry(Emptied *e, float *largest) {
 
 // The tool's voxels that hold density, for the two looks that follow: weigh the shells, then take.
 static int64_t list_occupied(const Grid *g, const Tool *t, int64_t shells, Occupied *list) {
-    int64_t low[3], high[3], count = 0, first, last;
+    int64_t low[3], high[3], count = 0, first, last, read = 0;
     box_of(&t->volume, t->centre, g->shape, low, high);
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
+        Known known = nothing_known;
         rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
             const double y = (double)j - t->centre[1], z = t->centre[2];
             const int64_t row = (i * g->shape[1] + j) * g->shape[2];
             const float *d = g->density + row;
-            if (!any_bits(d + low[2], most(0, high[2] - low[2]))) continue;
+            if (j == first || j % BRICK == 0) known = known_of(g, i, j, low[2], high[2]);
+            if (!any_in(&known, d, low[2], high[2], &read)) continue;
             const Span span = row_span(&t->volume, x, y, z, g->shape[2]);
             for (int64_t k = span.low; k < span.high; k++) {
                 if (d[k] <= 0.0f) continue;
@@ -627,14 +759,17 @@ EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed
 EXPORT void repousse_behind(const Grid *g, const Tool *t, const double u[3], double front, float *row, double sums[4]) {
     const Shape *shapes[2] = {&t->surroundings, &t->volume};
     const double z = t->centre[2];
-    int64_t low[3], high[3], first, last;
+    int64_t low[3], high[3], first, last, read = 0;
     box_of(&t->surroundings, t->centre, g->shape, low, high);
     for (int q = 0; q < 4; q++) sums[q] = 0.0;
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
+        Known known = nothing_known;
         rows_of(&t->surroundings, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
+            if (j == first || j % BRICK == 0) known = known_of(g, i, j, low[2], high[2]);
+            if (is_empty(&known, low[2], high[2])) continue;
             const double y = (double)j - t->centre[1];
             const float at = (float)(1.0 - (x * u[0] + y * u[1] - z * u[2]) / front), slope = (float)(u[2] / front);
             for (int64_t k = low[2]; k < high[2]; k++) {
@@ -645,7 +780,8 @@ EXPORT void repousse_behind(const Grid *g, const Tool *t, const double u[3], dou
             for (int q = 0; q < 4; q++) {
                 if (q == 2)
                     for (int64_t k = low[2]; k < high[2]; k++) row[k] *= d[k];
-                sums[q / 2 + q % 2 * 2] += covered_sum(shapes[q % 2], x, y, z, low[2], high[2], row);
+                sums[q / 2 + q % 2 * 2] +=
+                    covered_sum(shapes[q % 2], x, y, z, low[2], high[2], row, &nothing_known, &read);
             }
         }
     }
@@ -719,7 +855,7 @@ EXPORT void repousse_put_back(Grid *g, const Tool *t, double amount, Emptied *e)
 // Columns along axis 2 are far apart in memory, so planes across it are read and written a cache line at a time.
 typedef struct {
     int64_t plane, planes, b0, b1, c0, c1; // what the slab holds; planes = 0 when it holds nothing
-    int64_t dirty_b0, dirty_b1, dirty_c0, dirty_c1;
+    int64_t dirty_a0, dirty_a1, dirty_b0, dirty_b1, dirty_c0, dirty_c1;
 } Slab;
 
 static float *slab_row(const Sweep *s, const Slab *slab, int64_t plane, int64_t b) {
@@ -732,16 +868,21 @@ static void slab_rows(const Sweep *s, const Slab *slab, int64_t b, float *rows[S
     for (int64_t q = 0; q < slab->planes; q++) rows[q] = slab_row(s, slab, slab->plane + q, b);
 }
 
+static void nothing_dirty(Slab *slab) {
+    slab->dirty_a0 = slab->dirty_b0 = slab->dirty_c0 = INT64_MAX;
+    slab->dirty_a1 = slab->dirty_b1 = slab->dirty_c1 = INT64_MIN;
+}
+
 static void flush_slab(Grid *g, const Frame *f, const Sweep *s, Slab *slab) {
     float *rows[SLAB_PLANES];
     if (slab->planes && slab->dirty_b0 < slab->dirty_b1) {
-        keep_box(g, slab->dirty_b0, slab->dirty_b1, slab->dirty_c0, slab->dirty_c1, slab->plane,
-                 slab->plane + slab->planes);
+        const int64_t first = slab->dirty_a0 - slab->plane, last = slab->dirty_a1 - slab->plane;
+        keep_box(g, slab->dirty_b0, slab->dirty_b1, slab->dirty_c0, slab->dirty_c1, slab->dirty_a0, slab->dirty_a1);
         for (int64_t b = slab->dirty_b0; b < slab->dirty_b1; b++) {
             slab_rows(s, slab, b, rows);
             for (int64_t c = slab->dirty_c0; c < slab->dirty_c1; c++) {
                 float *d = g->density + b * f->stride[1] + c * f->stride[2] + slab->plane;
-                for (int64_t q = 0; q < slab->planes; q++) d[q] = rows[q][c];
+                for (int64_t q = first; q < last; q++) d[q] = rows[q][c];
             }
         }
     }
@@ -761,8 +902,7 @@ static void load_slab(Grid *g, const Frame *f, const Sweep *s, Slab *slab, int64
     slab->b1 = least(f->n[1], w[1] + SLAB_MARGIN + most(0, lead_b));
     slab->c0 = most(0, w[2] - SLAB_MARGIN + least(0, lead_c));
     slab->c1 = least(f->n[2], w[3] + SLAB_MARGIN + most(0, lead_c));
-    slab->dirty_b0 = slab->dirty_c0 = INT64_MAX;
-    slab->dirty_b1 = slab->dirty_c1 = INT64_MIN;
+    nothing_dirty(slab);
     for (int64_t b = slab->b0; b < slab->b1; b++) {
         slab_rows(s, slab, b, rows);
         for (int64_t c = slab->c0; c < slab->c1; c++) {
@@ -949,18 +1089,6 @@ static void stop_at_band(Sweep *s, const Frame *f) {
     }
 }
 
-static int all_full(const float *d, int64_t n) {
-    const float one = 1.0f;
-    uint32_t bits = 0, full;
-    memcpy(&full, &one, sizeof full);
-    for (int64_t k = 0; k < n; k++) {
-        uint32_t word;
-        memcpy(&word, d + k, sizeof word);
-        bits |= word ^ full;
-    }
-    return bits == 0;
-}
-
 // deposit = min(flux, 1 - d), for a row.
 static void deposit(const float *restrict d, const float *restrict flux, int64_t n, float *restrict laid) {
     for (int64_t k = 0; k < n; k++) {
@@ -995,7 +1123,8 @@ static double reach_gain(const Frame *f, double x, double y, const float *laid, 
     const double z = f->centre[2], inner = f->surroundings.radius - 0.5;
     const double farthest = fmax(fabs((double)first - z), fabs((double)(last - 1) - z));
     if (f->surroundings.ball && x * x + y * y + farthest * farthest <= inner * inner) return gained;
-    return covered_sum(&f->surroundings, x, y, z, first, last, laid - first);
+    int64_t read = 0;
+    return covered_sum(&f->surroundings, x, y, z, first, last, laid - first, &nothing_known, &read);
 }
 
 // Note that a row of this plane was written, and keep its bricks before.
@@ -1011,10 +1140,24 @@ static void touch_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b) 
         keep_box(g, low[0], high[0], low[1], high[1], low[2], high[2]);
         return;
     }
+    slab->dirty_a0 = least(slab->dirty_a0, s->plane);
+    slab->dirty_a1 = most(slab->dirty_a1, s->plane + 1);
     slab->dirty_b0 = least(slab->dirty_b0, b);
     slab->dirty_b1 = most(slab->dirty_b1, b + 1);
     slab->dirty_c0 = least(slab->dirty_c0, s->window[2]);
     slab->dirty_c1 = most(slab->dirty_c1, s->window[3]);
+}
+
+// Whether the map knows that the voxels [b0, b1) x [c0, c1) of this plane are full: all flux goes on, and none is read.
+static int surely_full(const Grid *g, const Frame *f, int64_t plane, int64_t b0, int64_t b1, int64_t c0, int64_t c1) {
+    if (!g->states) return 0;
+    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
+    const int64_t strides[3] = {nj * nk, nk, 1}, b_stride = strides[f->axis[1]], c_stride = strides[f->axis[2]];
+    const uint8_t *states = g->states + plane / BRICK * strides[f->axis[0]];
+    for (int64_t b = b0 / BRICK; b * BRICK < b1; b++)
+        for (int64_t c = c0 / BRICK; c * BRICK < c1; c++)
+            if (states[b * b_stride + c * c_stride] != FULL) return 0;
+    return 1;
 }
 
 // Fill what room one row has outside the tool. Returns whether any flux is left in it.
@@ -1022,6 +1165,7 @@ static int fill_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b, fl
     const int64_t *w = s->window, n = w[3] - w[2];
     const double x = (double)s->plane - f->centre[0], y = (double)b - f->centre[1];
     float *d = row + w[2], *flux = flux_at(s, b, w[2]);
+    s->read += n;
     if (all_full(d, n)) return 1; // saturated: all goes on
     // Beyond the window the flux is 0, and so is what it lays: whole lanes are faster where there is memory to read.
     const int64_t lanes = w[2] + whole_lanes(n) <= readable ? whole_lanes(n) : n;
@@ -1044,9 +1188,11 @@ static int fill_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b, fl
 // Fill what room this plane has. Returns whether any flux is left.
 static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
     const int in_memory = f->stride[2] == 1;
+    const int64_t *w = s->window;
     int left = 0;
-    if (!in_memory && !slab_holds(slab, s->window, s->plane)) load_slab(g, f, s, slab, s->plane);
-    for (int64_t b = s->window[0]; b < s->window[1]; b++) {
+    if (surely_full(g, f, s->plane, w[0], w[1], w[2], w[3])) return 1;
+    if (!in_memory && !slab_holds(slab, w, s->plane)) load_slab(g, f, s, slab, s->plane);
+    for (int64_t b = w[0]; b < w[1]; b++) {
         const int64_t start = s->plane * f->stride[0] + b * f->stride[1], voxels = f->n[0] * f->n[1] * f->n[2];
         float *row = in_memory ? g->density + start : slab_row(s, slab, s->plane, b);
         left |= fill_row(g, f, s, slab, b, row, in_memory ? voxels - start : 0);
@@ -1069,10 +1215,10 @@ static void prefetch_row(const float *d, int64_t low, int64_t high) {
 // Ask for a plane's rows while the flux is still being spread: each is a new place in memory.
 static void prefetch_plane(const Grid *g, const Frame *f, const Sweep *s) {
     if (f->stride[2] != 1) return; // those planes are read through the slab
-    for (int64_t b = most(0, s->window[0] - 1); b < least(f->n[1], s->window[1] + 1); b++) {
-        const float *d = g->density + s->plane * f->stride[0] + b * f->stride[1];
-        prefetch_row(d, most(0, s->window[2] - 1), least(f->n[2], s->window[3] + 1));
-    }
+    const int64_t *w = s->window, b0 = most(0, w[0] - 1), b1 = least(f->n[1], w[1] + 1);
+    const int64_t c0 = most(0, w[2] - 1), c1 = least(f->n[2], w[3] + 1);
+    if (surely_full(g, f, s->plane, b0, b1, c0, c1)) return;
+    for (int64_t b = b0; b < b1; b++) prefetch_row(g->density + s->plane * f->stride[0] + b * f->stride[1], c0, c1);
 }
 
 // Carry the emptied mass plane by plane along the dominant axis, from the tool's rear (DESIGN 2, Dispersion).

@@ -30,17 +30,20 @@ class GridState(Structure):
     _fields_ = [
         ("density", POINTER(c_float)),
         ("shape", c_int64 * 3),
+        ("states", POINTER(c_uint8)),
         ("kept", POINTER(c_uint8)),
         ("images", POINTER(c_float)),
         ("bricks", POINTER(c_int64)),
+        ("entries", POINTER(c_int64)),
         ("kept_count", POINTER(c_int64)),
+        ("image_count", POINTER(c_int64)),
     ]
 
 
 class Estimate(Structure):
-    """M_t, M_s in voxels' worth, and grad M_t in voxels' worth per voxel of the tool's travel."""
+    """M_t, M_s in voxels' worth, and grad M_t in voxels' worth per voxel of the tool's travel; voxels read for it."""
 
-    _fields_ = [("tool_mass", c_double), ("reach_mass", c_double), ("gradient", c_double * 3)]
+    _fields_ = [("tool_mass", c_double), ("reach_mass", c_double), ("gradient", c_double * 3), ("read", c_int64)]
 
 
 class Emptied(Structure):
@@ -86,6 +89,7 @@ class Sweep(Structure):
         ("surplus", c_double),
         ("planes", c_int64),
         ("visited", c_int64),
+        ("read", c_int64),
         ("dirty", c_int64 * 6),
     ]
 
