@@ -30,7 +30,8 @@ from .history import History
 from .local_model import Feeler, LocalModel
 from .plasticity import Regime
 from .poses import Pose, Poses, way
-from .push import LONGEST_STEP, Contact, Push
+from .push import Contact, Push
+from .quality import LONGEST_STEP
 from .stroke import Sample
 from .symmetry import SymmetricPush
 from .tool import vector

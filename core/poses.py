@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from math import ceil, dist, inf, isfinite
 from threading import Condition
 
-from .push import LONGEST_STEP
+from .quality import LONGEST_STEP
 from .stroke import Sample
 from .tool import Tool, vector
 
