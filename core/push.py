@@ -39,6 +39,8 @@ GROWTH_SHARE = 64
 """A side grows by a brick for each so many voxels along it, an eighth: the copy that each growth costs stays rare."""
 GIVEN = 0.999
 """Share of what was wanted below which packed material has given all it can."""
+NO_ROOM_WITHIN = 4.0
+"""Half lengths of the tool ahead of its centre: flux that goes on beyond them has met full material."""
 BLOCKED = 1e-3
 """Share of what was emptied that has to come back before the tool counts as blocked."""
 
@@ -185,6 +187,7 @@ class Push:
         # sweep mostly meets sigma_f, without it 1.7 do.
         self._gain = 1.0
         self._unsmoothed = inf  # voxels of travel since the last smoothing
+        self._went_far = False  # the flux of the last sweep
         self._contact = Contact(Regime.NONE, 0.0, 0.0, np.zeros(3))
 
     def move_to(
@@ -276,6 +279,14 @@ class Push:
     def voxels_visited(self) -> int:
         """Voxels of flux that all sweeps so far have looked at: the cost of a push, counted."""
         return int(self._work.sweep.visited)
+
+    @property
+    def flow(self) -> str:
+        """How density moves here, one of `quality.FLOWS`: with a band it rises; else the last sweep tells whether it
+        found room near the tool."""
+        if self.band is not None:
+            return "rim"
+        return "saturated" if self._went_far else "compressible"
 
     def _steps_to(self, target: Vector) -> list[Vector]:
         if self._position is None:
@@ -458,6 +469,7 @@ class Push:
         dispersion.sweep_emptied(work)
         while dispersion.sweep(work) == NEEDS_GROWTH:
             self._grow(sweep.needs[0::2], sweep.needs[1::2])
+        self._went_far = abs(sweep.plane - work.tool.centre[axis]) > NO_ROOM_WITHIN * work.volume.extent[axis]
         left = sweep.surplus
         if left > 0.0 and self.band is not None:
             # Pressed one way while it goes another, the tool leaves its wake where it came from: its groove stays open.

@@ -3,7 +3,12 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
+from math import ceil, inf, isfinite
+from statistics import median
+from time import perf_counter
 
 LONGEST_STEP = 0.5
 """Voxels of travel to a solve, at most: thin sheets are not jumped."""
@@ -41,3 +46,108 @@ def quality_named(name: object) -> Quality:
     if not isinstance(name, str) or name not in QUALITIES:
         raise ValueError(f'there is no quality "{name}": choose from {", ".join(QUALITIES)}')
     return QUALITIES[name]
+
+
+FLOWS = ("compressible", "saturated", "rim")
+"""How density moves, as far as a step's cost and error depend on it: into room near the tool; far, through full
+material; or up, where a band turns it back."""
+
+ERRORS = {
+    "balanced": {
+        "compressible": {4: 0.05, 8: 0.01, 16: 0.001, 32: 0.001},
+        "saturated": {4: 0.05, 8: 0.01, 16: 0.002, 32: 0.002},
+        "rim": {4: 0.16, 8: 0.08, 16: 0.025, 32: 0.015},
+    },
+    "draft": {
+        "compressible": {4: 0.14, 8: 0.14, 16: 0.13, 32: 0.05},
+        "saturated": {4: 0.12, 8: 0.035, 16: 0.012, 32: 0.005},
+        "rim": {4: 0.28, 8: 0.26, 16: 0.17, 32: 0.17},
+    },
+}
+"""Half the L1 distance to exact's densities as a share of the net moved mass, for tools of so many voxels of radius and
+larger ones: the worst of presses and drags, rounded up, by tests/bench/quality_errors.py."""
+
+COSTS = {
+    "balanced": {"compressible": 0.95, "saturated": 0.75, "rim": 0.8},
+    "draft": {"compressible": 0.5, "saturated": 0.45, "rim": 0.45},
+}
+"""Processor time for a way as a share of exact's: medians of the same pushes."""
+
+REMEMBERED = 5
+"""Solves whose time counts."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What an :class:`Auto` has chosen, and why in a few words."""
+
+    quality: Quality
+    reason: str
+
+
+class Auto:
+    """Choose a quality for each solve: the most exact that keeps to a frame budget, never one over the error bound.
+
+    Parameters
+    ----------
+    frame_budget
+        Milliseconds in which the way that waits to be solved should be.
+    error_bound
+        How far a quality may be from exact: charted L1 distance of the densities as a share of the mass moved.
+    clock
+        Tells seconds.
+
+    What a solve takes is the median of the last ones, so one that the machine held up changes nothing.
+
+    Raises
+    ------
+    ValueError
+        For a budget or a bound that is not a number over 0.
+    """
+
+    def __init__(
+        self, frame_budget: float = 8.0, error_bound: float = 0.05, clock: Callable[[], float] = perf_counter
+    ) -> None:
+        for what, value in (("frame budget", frame_budget), ("error bound", error_bound)):
+            if not (isfinite(value) and value > 0.0):
+                raise ValueError(f"the {what} is a number over 0, not {value!r}")
+        self.frame_budget, self.error_bound, self.clock = frame_budget, error_bound, clock
+        self._exact_ms: deque[float] = deque(maxlen=REMEMBERED)  # what the last solves would have taken at exact
+
+    def learn(self, quality: Quality, flow: str, seconds: float) -> None:
+        """A solve of this quality has taken so long."""
+        self._exact_ms.append(1e3 * seconds / _solve_cost(quality, flow))
+
+    def choose(self, flow: str, radius: float, ahead: float) -> Choice:
+        """The quality of the next solve, of a tool of ``radius`` voxels, when ``ahead`` voxels of way wait."""
+        exact, *others = QUALITIES.values()
+        if not self._exact_ms:
+            return Choice(exact, "no solve has been timed yet")
+        within = [exact, *(q for q in others if error_of(q, flow, radius) <= self.error_bound)]
+        takes = [self._ms(quality, flow, ahead) for quality in within]
+        fits = [ms <= self.frame_budget for ms in takes]
+        n = fits.index(True) if any(fits) else takes.index(min(takes))
+        reason = f"{takes[n]:.1f} of {self.frame_budget:g} ms"
+        if n > 0:
+            error, bound = 100.0 * error_of(within[n], flow, radius), 100.0 * self.error_bound
+            reason += f", exact would take {takes[0]:.1f}; error up to {error:g} of {bound:g} %"
+        if not fits[n]:
+            reason += "; nothing faster is within the error bound"
+        return Choice(within[n], reason)
+
+    def _ms(self, quality: Quality, flow: str, ahead: float) -> float:
+        solves = max(1, ceil(ahead / quality.longest_step - 1e-9))
+        return solves * median(self._exact_ms) * _solve_cost(quality, flow)
+
+
+def error_of(quality: Quality, flow: str, radius: float) -> float:
+    """The charted error of a quality with a tool of this radius in voxels, as a share of the mass moved; smaller tools
+    than those of the chart are cheap, and have no error that is known."""
+    if quality.name not in ERRORS:
+        return 0.0
+    return min((error for r, error in ERRORS[quality.name][flow].items() if r <= radius), default=inf)
+
+
+def _solve_cost(quality: Quality, flow: str) -> float:
+    """What a solve costs as a share of an exact one, which is as long as its longest step allows."""
+    return COSTS.get(quality.name, {}).get(flow, 1.0) * quality.longest_step / LONGEST_STEP

@@ -117,6 +117,11 @@ class SymmetricPush:
         """Voxels of flux that all sweeps so far have looked at."""
         return sum(push.voxels_visited for push in self.pushes)
 
+    @property
+    def flow(self) -> str:
+        """How density moves at the artist's tool; see :attr:`Push.flow`."""
+        return self.pushes[0].flow
+
     def lift(self) -> None:
         """Take all tools out."""
         for push in self.pushes:
