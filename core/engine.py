@@ -284,7 +284,9 @@ class Engine:
 
     def _steps_to(self, pose: Pose) -> Iterator[Sample]:
         """The samples to solve on the way to a pose, each with its quality."""
-        longest, steps, sample = 0.0, iter(()), None
+        longest = 0.0
+        sample: Sample | None = None
+        steps: Iterator[Sample] = iter(())
         while sample is not pose.sample:
             last = self.solved[-1] if self.solved else None
             quality = self._quality_on_way(last, pose)

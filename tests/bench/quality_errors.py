@@ -36,6 +36,7 @@ class Scene:
     drag: float = 0.0
     band: float | None = None
     thickness: float = 4.0
+    verb: str = "push"
 
     def push(self, radius: float) -> Push:
         """A push into a new block."""
@@ -44,7 +45,7 @@ class Scene:
         values = np.zeros(shape, np.float32)
         values[before:-before] = self.density
         band = None if self.band is None else self.band * radius
-        return Push(DensityGrid(values, copy=False), SphereTool(radius), MATERIAL, band=band)
+        return Push(DensityGrid(values, copy=False), SphereTool(radius), MATERIAL, band=band, verb=self.verb)
 
     def path(self, radius: float) -> list[np.ndarray]:
         """Points a voxel apart."""
@@ -60,6 +61,7 @@ SCENES = [
     *(Scene("compressible", density, depth=depth) for density in (0.3, 0.6, 0.9) for depth in (0.5, 1.5)),
     Scene("compressible", 0.6, (0.8, 0.5, 0.33)),
     Scene("compressible", 0.6, depth=0.5, drag=2.0),
+    Scene("compressible", 0.6, depth=0.5, drag=2.0, verb="pull"),
     *(Scene("saturated", 1.0, depth=depth, thickness=8.0) for depth in (0.5, 1.0)),
     Scene("saturated", 1.0, (0.8, 0.5, 0.33), thickness=8.0),
     Scene("saturated", 1.0, depth=0.5, drag=1.0, thickness=8.0),
@@ -74,7 +76,8 @@ def walked(scene: Scene, radius: float, quality: str) -> tuple[np.ndarray, np.nd
     push = scene.push(radius)
     before = push.grid.density.copy()
     began = time.process_time()
-    stress = [push.move_to(point, quality=quality).stress for point in scene.path(radius)]
+    out = (-1.0, 0.0, 0.0) if scene.verb == "pull" else None
+    stress = [push.move_to(point, direction=out, quality=quality).stress for point in scene.path(radius)]
     seconds = time.process_time() - began
     after = push.grid.density[tuple(slice(-o, n - o) for o, n in zip(push.origin, before.shape, strict=True))]
     return before, after, np.array(stress), seconds
@@ -111,7 +114,7 @@ def main(radii: list[float]) -> None:
                     continue
                 found.setdefault((scene.kind, name, radius), []).append((error, cost))
                 told = f"R {radius:g} {scene.kind} {scene.density:g} along {scene.direction} {scene.depth:g} R"
-                told += f" drag {scene.drag:g} R"
+                told += f" drag {scene.drag:g} R {scene.verb}"
                 print(f"{told:70} {name:9} error {error:.4f} sigma {of_stress:.4f} cost {cost:.2f}", flush=True)
     for (kind, name, radius), rows in sorted(found.items()):
         error, cost = max(row[0] for row in rows), float(np.median([row[1] for row in rows]))
