@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil, inf, isfinite
 from statistics import median
@@ -59,7 +59,7 @@ ERRORS = {
         "rim": {4: 0.16, 8: 0.08, 16: 0.025, 32: 0.015},
     },
     "draft": {
-        "compressible": {4: 0.14, 8: 0.14, 16: 0.13, 32: 0.05},
+        "compressible": {4: 0.14, 8: 0.14, 16: 0.13, 32: 0.055},
         "saturated": {4: 0.12, 8: 0.035, 16: 0.012, 32: 0.005},
         "rim": {4: 0.28, 8: 0.26, 16: 0.17, 32: 0.17},
     },
@@ -77,12 +77,24 @@ REMEMBERED = 5
 """Solves whose time counts."""
 
 
+FITS = "{ms:.1f} of {budget:g} ms"
+FASTER = "{ms:.1f} of {budget:g} ms, exact would take {exact:.1f}; error up to {error:g} of {bound:g} %"
+TOO_SLOW = "{ms:.1f} of {budget:g} ms; nothing faster errs by at most {bound:g} %"
+UNTIMED = "no solve has been timed yet"
+
+
 @dataclass(frozen=True)
 class Choice:
-    """What an :class:`Auto` has chosen, and why in a few words."""
+    """What an :class:`Auto` has chosen, and why: ``words`` to be filled in with ``numbers``, so to be translated."""
 
     quality: Quality
-    reason: str
+    words: str
+    numbers: Mapping[str, float]
+
+    @property
+    def reason(self) -> str:
+        """Why, in a few words."""
+        return self.words.format(**self.numbers)
 
 
 class Auto:
@@ -122,18 +134,13 @@ class Auto:
         """The quality of the next solve, of a tool of ``radius`` voxels, when ``ahead`` voxels of way wait."""
         exact, *others = QUALITIES.values()
         if not self._exact_ms:
-            return Choice(exact, "no solve has been timed yet")
+            return Choice(exact, UNTIMED, {})
         within = [exact, *(q for q in others if error_of(q, flow, radius) <= self.error_bound)]
         takes = [self._ms(quality, flow, ahead) for quality in within]
-        fits = [ms <= self.frame_budget for ms in takes]
-        n = fits.index(True) if any(fits) else takes.index(min(takes))
-        reason = f"{takes[n]:.1f} of {self.frame_budget:g} ms"
-        if n > 0:
-            error, bound = 100.0 * error_of(within[n], flow, radius), 100.0 * self.error_bound
-            reason += f", exact would take {takes[0]:.1f}; error up to {error:g} of {bound:g} %"
-        if not fits[n]:
-            reason += "; nothing faster is within the error bound"
-        return Choice(within[n], reason)
+        n = next((n for n, ms in enumerate(takes) if ms <= self.frame_budget), takes.index(min(takes)))
+        words = TOO_SLOW if takes[n] > self.frame_budget else FASTER if n else FITS
+        percent = {"error": 100.0 * error_of(within[n], flow, radius), "bound": 100.0 * self.error_bound}
+        return Choice(within[n], words, {"ms": takes[n], "exact": takes[0], "budget": self.frame_budget} | percent)
 
     def _ms(self, quality: Quality, flow: str, ahead: float) -> float:
         solves = max(1, ceil(ahead / quality.longest_step - 1e-9))

@@ -187,7 +187,7 @@ def test_auto_takes_the_most_exact_that_fits():
         assert ("exact would take 16.0" in choice.reason) == (quality is not EXACT)
     auto.frame_budget = 0.1
     choice = auto.choose("saturated", 32.0, 4.0)
-    assert choice.quality is DRAFT and choice.reason.endswith("nothing faster is within the error bound")
+    assert choice.quality is DRAFT and choice.reason.endswith("nothing faster errs by at most 5 %")
 
 
 def test_auto_learns_from_any_quality():
