@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -96,7 +96,7 @@ def fog_of(grid: DensityGrid, path: Path) -> Any:
     with _refusals(openvdb, path, "cannot be written"):
         fog = openvdb.FloatGrid()
         bricks = BrickMap(grid.density)
-        _lay_bricks(fog, bricks, ((0, 0, 0), bricks.states.shape))
+        _lay_bricks(fog, bricks, (0, 0, 0), bricks.states.shape)
         fog.prune(0.0)
     return fog
 
@@ -110,17 +110,17 @@ def change(fog: Any, grid: DensityGrid, box: Box) -> None:
     grid.bricks.changed(box)  # the box says so, and what is saved must not depend on who else has
     # A leaf that has become empty is left out by copyFromArray, which takes it for one that was never there.
     fog.fill(tuple(n * BRICK for n in low), tuple(n * BRICK - 1 for n in high), 0.0, False)
-    _lay_bricks(fog, grid.bricks, (low, high))
+    _lay_bricks(fog, grid.bricks, low, high)
 
 
-def _lay_bricks(fog: Any, bricks: BrickMap, part: Box) -> None:
-    """Fill or copy what is in the bricks of a part of the map: an array's full bricks would become as many leaves."""
-    states = bricks.states[tuple(slice(a, b) for a, b in zip(*part, strict=True))]
+def _lay_bricks(fog: Any, bricks: BrickMap, low: Sequence[int], high: Sequence[int]) -> None:
+    """Fill or copy the bricks from ``low`` up to ``high``: by a copy full ones would become as many leaves."""
+    states = bricks.states[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
     if 2 * np.count_nonzero(states == MIXED) > states.size:
         states = np.full_like(states, MIXED)  # one copy is faster than hundreds
     for state in (FULL, MIXED):
         for box in boxes_of(states == state):
-            first, last = ([BRICK * (n + a) for n, a in zip(end, part[0], strict=True)] for end in box)
+            first, last = ([BRICK * (n + a) for n, a in zip(end, low, strict=True)] for end in box)
             last = [min(n, edge) for n, edge in zip(last, bricks.density.shape, strict=True)]
             if state == FULL:
                 fog.fill(tuple(first), tuple(n - 1 for n in last), 1.0, True)
