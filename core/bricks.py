@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from ctypes import c_int64, c_void_p
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -91,6 +91,28 @@ class BrickMap:
 def layout_of(shape: Sequence[int]) -> tuple[int, ...]:
     """How many bricks along each axis hold ``shape`` voxels."""
     return tuple(-(-n // BRICK) for n in shape)
+
+
+def boxes_of(chosen: np.ndarray) -> list[Box]:
+    """Boxes that together hold what is true in an array with three axes, each once: rows that are alike are joined."""
+    edges = np.diff(np.pad(chosen, ((0, 0), (0, 0), (1, 1))).astype(np.int8), axis=2)
+    rows: list[list[list[tuple[int, int]]]] = [[[] for _ in plane] for plane in chosen]
+    starts, ends = np.argwhere(edges > 0).tolist(), np.argwhere(edges < 0).tolist()
+    for (x, y, z0), (_, _, z1) in zip(starts, ends, strict=True):
+        rows[x][y].append((z0, z1))
+    boxes = _unbroken([_unbroken(plane) for plane in rows])
+    return [((x0, y0, z0), (x1, y1, z1)) for (((z0, z1), y0, y1), x0, x1) in boxes]
+
+
+def _unbroken(layers: Sequence[Sequence[Any]]) -> list[tuple[Any, int, int]]:
+    """What is in one layer after the other, each with the first of these and one past the last."""
+    since: dict[Any, int] = {}
+    found = []
+    for number, layer in enumerate([*layers, ()]):
+        ended = [key for key in since if key not in set(layer)]
+        found += [(key, since.pop(key), number) for key in ended]
+        since = dict.fromkeys(layer, number) | since
+    return found
 
 
 def _bricks_in(low: Sequence[int], high: Sequence[int], shape: Sequence[int]) -> tuple[slice, ...]:
