@@ -188,16 +188,18 @@ def test_estimates_are_the_same_to_the_last_bit(kernels, volume, tool):
         assert by_map.read <= without.read
 
 
+@pytest.mark.parametrize("axis", [0, 2])
+@pytest.mark.parametrize("volume", ["half", "blocks"])
 @pytest.mark.parametrize("verb", VERBS)
-def test_pushes_are_the_same_to_the_last_bit(kernels, verb):
-    """With the map and without one."""
-    found = []
+def test_pushes_are_the_same_to_the_last_bit(kernels, verb, volume, axis):
+    """With the map and without one; also where only some of the bricks that a plane of flux meets are full."""
+    found, way = [], np.roll([(16.0, 16.0, 6.0), (18.0, 17.0, 20.0)], axis - 2, axis=1)
     for known in (True, False):
-        grid = half_space(36, 1.0, 13, axis=2)
+        grid = half_space(36, 1.0, 13, axis=axis) if volume == "half" else DensityGrid(blocks((36, 36, 36), 3))
         push = Push(grid, SphereTool(5), Material(3.3, 0.02), border="wall", **VERBS[verb])
         if not known:
             push._work.attach(grid.density, None)
-        contacts = walk(push, line((16.0, 16.0, 6.0), (18.0, 17.0, 20.0), 0.8))
+        contacts = walk(push, line(*way, 0.8))
         found.append((grid.density.tobytes(), [(c.stress, c.yield_stress, c.moved_mass) for c in contacts]))
     assert found[0] == found[1]
 
