@@ -94,6 +94,10 @@ typedef struct {
     float weights[9];    // 3x3 spreading kernel, (b, c) order
     int64_t shift[2];    // whole-voxel part of the shear
     int64_t border;
+    // Leaps: `hole` voxels lie between the taps of their kernel, so one spreads for hole^2 planes; 0 is no leap.
+    int64_t hole, leap_shift[2];
+    float leap_weights[9];
+    double far; // planes ahead of the tool's centre from which on the flux may leap
     float *flux, *next, *row, *slab;
     int64_t window[4];         // b0, b1, c0, c1 of the active window, half open
     int64_t origin[2], stride; // where the flux buffer starts and its row length
@@ -102,10 +106,6 @@ typedef struct {
     double laid, reach_gain, mass_out, surplus;
     int64_t planes, visited;
     int64_t dirty[6]; // low and high of what was written, grid order
-    // Leaps: `hole` voxels lie between the taps of their kernel, so one spreads for hole^2 planes; 0 is no leap.
-    int64_t hole, leap_shift[2];
-    float leap_weights[9];
-    double far; // planes ahead of the tool's centre from which on the flux may leap
 } Sweep;
 
 typedef struct {
