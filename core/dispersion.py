@@ -367,7 +367,7 @@ def _leap_window(state: Sweep) -> list[int]:
 
 def _may_leap(work: Workspace, order: tuple[int, int, int], planes: np.ndarray, step: int) -> bool:
     """Whether the flux may leap from the plane before this one: far from the tool, through full material inside the
-    grid, and not over the band."""
+    grid. A band may lie on the way: nothing is laid there, and all that is over it is surplus in the next plane."""
     state = work.sweep
     end = state.plane + step * (state.hole**2 - 1)
     if not state.hole or step * (state.plane - work.tool.centre[order[0]]) < state.far:
@@ -375,11 +375,6 @@ def _may_leap(work: Workspace, order: tuple[int, int, int], planes: np.ndarray, 
     b0, b1, c0, c1 = _leap_window(state)
     inside = min(end, b0, c0) >= 0 and end < planes.shape[0] and b1 <= planes.shape[1] and c1 <= planes.shape[2]
     if not inside:
-        return False
-    ua, ub, uc = (state.direction[a] for a in order)
-    a, b, c = (work.tool.centre[axis] for axis in order)
-    farthest = ua * (end - a) + max(ub * (b0 - b), ub * (b1 - 1 - b)) + max(uc * (c0 - c), uc * (c1 - 1 - c))
-    if farthest > state.limit:
         return False
     return bool((planes[min(state.plane, end) : max(state.plane, end) + 1, b0:b1, c0:c1] == np.float32(1.0)).all())
 

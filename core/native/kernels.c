@@ -104,6 +104,10 @@ typedef struct {
     float weights[9];    // 3x3 spreading kernel, (b, c) order
     int64_t shift[2];    // whole-voxel part of the shear
     int64_t border;
+    // Leaps: `hole` voxels lie between the taps of their kernel, so one spreads for hole^2 planes; 0 is no leap.
+    int64_t hole, leap_shift[2];
+    float leap_weights[9];
+    double far; // planes ahead of the tool's centre from which on the flux may leap
     float *flux, *next, *row, *slab;
     int64_t window[4];         // b0, b1, c0, c1 of the active window, half open
     int64_t origin[2], stride; // where the flux buffer starts and its row length
@@ -112,10 +116,6 @@ typedef struct {
     double laid, reach_gain, mass_out, surplus;
     int64_t planes, visited, read; // visited: cells of flux; read: voxels of density
     int64_t dirty[6];              // low and high of what was written, grid order
-    // Leaps: `hole` voxels lie between the taps of their kernel, so one spreads for hole^2 planes; 0 is no leap.
-    int64_t hole, leap_shift[2];
-    float leap_weights[9];
-    double far; // planes ahead of the tool's centre from which on the flux may leap
 } Sweep;
 
 typedef struct {
@@ -1074,20 +1074,14 @@ static int64_t ask_growth(Sweep *s, const Frame *f, int below_a, int above_a) {
     return any;
 }
 
-// How far along u a window in a plane goes from the tool's centre.
-static double farthest(const Sweep *s, const Frame *f, int64_t plane, const int64_t w[4]) {
-    const double ua = s->direction[f->axis[0]], ub = s->direction[f->axis[1]], uc = s->direction[f->axis[2]];
-    return ua * ((double)plane - f->centre[0]) +
-           fmax(ub * ((double)w[0] - f->centre[1]), ub * ((double)(w[1] - 1) - f->centre[1])) +
-           fmax(uc * ((double)w[2] - f->centre[2]), uc * ((double)(w[3] - 1) - f->centre[2]));
-}
-
 // What has gone farther along u than the band lets it is surplus.
 static void stop_at_band(Sweep *s, const Frame *f) {
     const double ua = s->direction[f->axis[0]], ub = s->direction[f->axis[1]], uc = s->direction[f->axis[2]];
     const int64_t *w = s->window;
     const double ahead = ua * ((double)s->plane - f->centre[0]);
-    if (farthest(s, f, s->plane, w) <= s->limit) return;
+    const double farthest = ahead + fmax(ub * ((double)w[0] - f->centre[1]), ub * ((double)(w[1] - 1) - f->centre[1])) +
+                            fmax(uc * ((double)w[2] - f->centre[2]), uc * ((double)(w[3] - 1) - f->centre[2]));
+    if (farthest <= s->limit) return;
     for (int64_t b = w[0]; b < w[1]; b++) {
         const double row = ahead + ub * ((double)b - f->centre[1]);
         for (int64_t c = w[2]; c < w[3]; c++) {
@@ -1266,15 +1260,14 @@ static int all_full_ahead(const Grid *g, const Frame *f, const int64_t w[4], int
     return 1;
 }
 
-// Whether the flux may leap from the plane before this one: far from the tool, through full material inside the grid, and
-// not over the band.
+// Whether the flux may leap from the plane before this one: far from the tool, through full material inside the grid. A
+// band may lie on the way: nothing is laid there, and all that is over it is surplus in the next plane.
 static int may_leap(const Grid *g, const Frame *f, const Sweep *s, int64_t step) {
     const int64_t planes = s->hole * s->hole, end = s->plane + step * (planes - 1);
     int64_t w[4];
     if (!planes || (double)step * ((double)s->plane - f->centre[0]) < s->far) return 0;
     leap_window(s, w);
     if (end < 0 || end >= f->n[0] || w[0] < 0 || w[1] > f->n[1] || w[2] < 0 || w[3] > f->n[2]) return 0;
-    if (farthest(s, f, end, w) > s->limit) return 0;
     return all_full_ahead(g, f, w, least(s->plane, end), most(s->plane, end) + 1, step);
 }
 

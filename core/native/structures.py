@@ -73,6 +73,10 @@ class Sweep(Structure):
         ("weights", c_float * 9),
         ("shift", c_int64 * 2),
         ("border", c_int64),
+        ("hole", c_int64),
+        ("leap_shift", c_int64 * 2),
+        ("leap_weights", c_float * 9),
+        ("far", c_double),
         ("flux", POINTER(c_float)),
         ("next", POINTER(c_float)),
         ("row", POINTER(c_float)),
@@ -91,10 +95,6 @@ class Sweep(Structure):
         ("visited", c_int64),
         ("read", c_int64),
         ("dirty", c_int64 * 6),
-        ("hole", c_int64),
-        ("leap_shift", c_int64 * 2),
-        ("leap_weights", c_float * 9),
-        ("far", c_double),
     ]
 
 

@@ -100,7 +100,7 @@ def test_what_arrives_is_the_same(kernels, axis, sign, aside):
 
 
 @pytest.mark.skipif(not importlib.util.find_spec("repousse_kernels"), reason="the compiled kernels are not installed")
-@pytest.mark.parametrize("aside", [(0.0, 0.0), (0.35, -0.2)])
+@pytest.mark.parametrize("aside", [(0.0, 0.0), (0.35, -0.2), (-0.35, 0.38)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_twins(monkeypatch, axis, sign, aside):
@@ -121,7 +121,7 @@ def test_twins(monkeypatch, axis, sign, aside):
 def test_room_is_never_leapt_over(kernels, axis):
     """One voxel with room, anywhere in the way of the flux, takes what a sweep plane by plane gives it."""
     u = along(axis)
-    for depth in (30, 37, 60, 95):
+    for depth in (19, 30, 34, 35, 50, 60, 95):  # the first leap is from 19 to 34
         values = slab(axis)
         pocket = tuple(np.insert([37, 37], axis, depth))
         values[pocket] = 0.2
@@ -131,13 +131,16 @@ def test_room_is_never_leapt_over(kernels, axis):
         assert leaping.sweep.visited < 0.75 * fine.sweep.visited
 
 
-def test_a_band_is_not_leapt_over(kernels):
-    """What reaches the band is surplus, and nothing goes beyond it."""
-    fine, leaping = (swept(slab(0), along(0), leap, there(0), band=47.0) for leap in (False, True))
+@pytest.mark.parametrize("band", [30.0, 47.0, 60.0])
+@pytest.mark.parametrize("aside", [(0.0, 0.0), (0.3, -0.2)])
+def test_nothing_is_laid_beyond_a_band(kernels, aside, band):
+    """What reaches the band is surplus, also where it lies within a leap of planes."""
+    u = along(0, 1.0, aside)
+    fine, leaping = (swept(slab(0), u, leap, there(0), band=band) for leap in (False, True))
     assert leaping.sweep.planes < fine.sweep.planes
-    assert leaping.sweep.surplus == pytest.approx(fine.sweep.surplus, rel=1e-6)
+    assert leaping.sweep.surplus == pytest.approx(fine.sweep.surplus, rel=1e-6) and fine.sweep.surplus > 300.0
     assert leaping.sweep.surplus == pytest.approx(fine.emptied.mass - fine.sweep.laid, rel=1e-6)
-    assert leaping.sweep.plane == fine.sweep.plane
+    assert leaping.density[96:].sum() == 0.0
 
 
 @pytest.mark.parametrize("border", BORDERS)

@@ -197,6 +197,8 @@ def test_auto_learns_from_any_quality():
         auto = taught(3.0 * cost, 6.01, flow="rim", quality=quality)
         assert auto.choose("rim", 16.0, 1.0).quality is EXACT  # 2 solves of 3 ms
         assert auto.choose("rim", 16.0, 1.5).quality is not EXACT
+        auto.frame_budget = 5.99
+        assert auto.choose("rim", 16.0, 1.0).quality is not EXACT
 
 
 def test_auto_does_not_mind_a_spike():
@@ -250,6 +252,33 @@ def live(clock_of, path, budget=30.0, bound=0.5, **options):
     running.start()
     running.finish()
     return running
+
+
+class Listening(Auto):
+    """An Auto that keeps how much way it was told of."""
+
+    def __init__(self, *args):
+        super().__init__(*args)
+        self.told = []
+
+    def choose(self, flow, radius, ahead):
+        self.told.append(ahead)
+        return super().choose(flow, radius, ahead)
+
+
+@pytest.mark.parametrize("symmetry", ["", "y"])
+def test_auto_is_told_all_the_way_that_waits(symmetry):
+    """From each solve to the last pose that was fed, mirrored or not."""
+    stroke = Stroke(tool=SphereTool(4), material=CLAY, symmetry=symmetry, mirror=(14.5, 14.5, 14.5))
+    auto = Listening(8.0, 0.05, lambda: 0.0)
+    running = Engine(stroke.push(half_space(30, 0.6, 10)), quality=auto)
+    path = line((3.0, 9.0, 14.5), (9.0, 9.0, 14.5), 2.0)
+    for number, point in enumerate(path):
+        running._poses.put(Sample(0.1 * number, point))
+    running.start()
+    solved = running.finish()
+    assert auto.told == pytest.approx([6.0, *(9.0 - sample.position[0] for sample in solved[:-1])])
+    assert running.choice.quality is EXACT
 
 
 def counting(push):
