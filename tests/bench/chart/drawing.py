@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The chart: time against error, a panel for each truth and error, every point named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from ..drawing import INK, save
+from .pareto import front
+from .rows import Row
+
+LEAST = 1e-3
+"""Errors below this are drawn here: no hand and no eye tells them from none."""
+COLOURS = {
+    "sweep": "#c8432b",
+    "sweep + rim": "#e0902a",
+    "carve": "#8a8f98",
+    "recursive": "#2a7ab8",
+}
+OTHERS = ("#2d8f57", "#7a4fb0", "#0f8f96", "#b0488c", "#6b7a1e", "#4a5a8a")
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One truth and one of its errors, with what it is called on the axis."""
+
+    truth: str
+    error: str
+    title: str
+    axis: str
+
+
+def known(rows: Sequence[Row], panel: Panel) -> list[Row]:
+    """The rows that have a point in a panel."""
+    return [row for row in rows if row.truth == panel.truth and panel.error in row.errors and row.ms_p50 > 0.0]
+
+
+def colour(method: str, methods: Sequence[str]) -> str:
+    """A colour for each method, the same in all panels."""
+    others = [name for name in methods if name not in COLOURS]
+    return COLOURS.get(method) or OTHERS[others.index(method) % len(OTHERS)]
+
+
+def draw(rows: Sequence[Row], panels: Sequence[Panel], path: Path, dpi: int = 100) -> None:
+    """All panels that have a point, two beside each other."""
+    shown = [panel for panel in panels if known(rows, panel)]
+    methods = list(dict.fromkeys(row.method for row in rows))
+    lines = -(-len(shown) // 2)
+    figure, grid = plt.subplots(lines, 2, figsize=(14.0, 5.2 * lines), layout="constrained", squeeze=False)
+    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)
+    for axes in grid.flat[len(shown) :]:
+        axes.set_axis_off()
+    for axes, panel in zip(grid.flat, shown):
+        _frame(axes, panel, known(rows, panel))
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes, panel in zip(grid.flat, shown):
+        _points(axes, known(rows, panel), panel, methods)
+    save(figure, path, dpi)
+
+
+def _frame(axes: Axes, panel: Panel, rows: Sequence[Row]) -> None:
+    times = [row.ms_p50 for row in rows]
+    errors = [max(row.errors[panel.error], LEAST) for row in rows]
+    axes.set(xscale="log", yscale="log", title=panel.title, xlabel="milliseconds a step, p50", ylabel=panel.axis)
+    axes.set_xlim(min(times) / 2.5, max(times) * 6.0)
+    axes.set_ylim(min(errors) / 2.2, max(errors) * 2.2)
+    axes.grid(True, which="major", lw=0.4, alpha=0.4)
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+
+
+def _points(axes: Axes, rows: Sequence[Row], panel: Panel, methods: Sequence[str]) -> None:
+    points = [(row.ms_p50, max(row.errors[panel.error], LEAST)) for row in rows]
+    best = [points[i] for i in front(points)]
+    corners = [(best[0][0], axes.get_ylim()[1])]
+    for before, after in zip(best, best[1:]):
+        corners += [before, (after[0], before[1])]
+    corners += [best[-1], (axes.get_xlim()[1], best[-1][1])]
+    axes.plot(*zip(*corners), color=INK, lw=1.1, alpha=0.55, zorder=1)
+    for row, (time, error) in zip(rows, points):
+        on_front = (time, error) in best
+        tint = colour(row.method, methods)
+        axes.scatter(time, error, s=42 if on_front else 26, color=tint, edgecolor=INK, lw=1.2 * on_front, zorder=3)
+    _name(axes, rows, points, methods)
+
+
+def _name(axes: Axes, rows: Sequence[Row], points: Sequence[tuple[float, float]], methods: Sequence[str]) -> None:
+    """Every point's name beside it, where it covers neither a point nor another name; joined to it when far away."""
+    figure = axes.figure
+    renderer = figure.canvas.get_renderer()
+    at = axes.transData.transform(points)
+    frame = axes.get_window_extent(renderer)
+    size = 5.0 * figure.dpi / 100.0
+    taken = [(x - size, y - size, x + size, y + size) for x, y in at]
+    for number in np.argsort([-y for _, y in at], kind="stable"):
+        row, (x, y) = rows[number], at[number]
+        text = axes.annotate(
+            row.label, points[number], xytext=(0, 0), textcoords="offset pixels", fontsize=7.2,
+            color=colour(row.method, methods), va="center", ha="left", zorder=4,
+        )  # fmt: skip
+        extent = text.get_window_extent(renderer)
+        place = _free_place(x, y, extent.width, extent.height, frame, taken, 1.4 * size)
+        taken.append((place[0], place[1], place[0] + extent.width, place[1] + extent.height))
+        text.set_position((place[0] - x, place[1] + extent.height / 2 - y))
+        nearest = np.clip((x, y), place, (place[0] + extent.width, place[1] + extent.height))
+        if np.hypot(*(nearest - (x, y))) > 3.0 * size:
+            ends = axes.transData.inverted().transform([(x, y), nearest])
+            axes.plot(*ends.T, color=colour(row.method, methods), lw=0.6, alpha=0.7, zorder=2)
+
+
+def _free_place(x, y, width, height, frame, taken, gap) -> tuple[float, float]:
+    """The lower left corner of the nearest free place for a box of this size beside (x, y)."""
+    best, least = (x + gap, y - height / 2), np.inf
+    for ring in range(40):
+        far = gap + ring * height * 0.35
+        for angle in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
+            dx, dy = np.cos(angle), np.sin(angle)
+            left = x + far * dx - width * (1.0 - dx) / 2.0
+            low = y + far * dy - height / 2.0
+            inside = frame.x0 <= left and left + width <= frame.x1 and frame.y0 <= low and low + height <= frame.y1
+            overlap = sum(
+                max(0.0, min(left + width, b[2]) - max(left, b[0])) * max(0.0, min(low + height, b[3]) - max(low, b[1]))
+                for b in taken
+            )
+            if inside and overlap == 0.0:
+                return left, low
+            if inside and overlap < least:
+                best, least = (left, low), overlap
+    return best
