@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -80,7 +81,7 @@ def _points(axes: Axes, rows: Sequence[Row], panel: Panel, methods: Sequence[str
     points = [(row.ms_p50, max(row.errors[panel.error], LEAST)) for row in rows]
     best = [points[i] for i in front(points)]
     corners = [(best[0][0], axes.get_ylim()[1])]
-    for before, after in zip(best, best[1:]):
+    for before, after in pairwise(best):
         corners += [before, (after[0], before[1])]
     corners += [best[-1], (axes.get_xlim()[1], best[-1][1])]
     axes.plot(*zip(*corners), color=INK, lw=1.1, alpha=0.55, zorder=1)

@@ -24,7 +24,7 @@ from .method import Method, Scene
 
 ROOT = Path(__file__).resolve().parents[3]
 REPEATED = 0.6
-"""Seconds for which a press is done again and again, each time from the start: fast methods get enough steps for a p99."""
+"""Seconds for which a press is done again and again from the start: a fast method gets enough steps for a p99."""
 START_UP = 60.0
 """Seconds beyond its budget after which a process is ended: start-up, compilers, writing."""
 ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}

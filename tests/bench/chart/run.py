@@ -13,7 +13,7 @@ from .measure import REPEATED, Outcome, Request, measure
 from .rows import Row
 from .trials import TRIALS, Trial
 
-MODULES = ("carve", "sweep", "recursive")
+MODULES = ("carve", "sweep", "estimators", "coarse", "recursive")
 BUDGETS = {"recursive": 40.0}
 """Seconds of stepping that a module's methods may take in one scene."""
 BUDGET = 20.0

@@ -75,7 +75,7 @@ DIRECTIONS = ((0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (1.0, 1.0, 1.0), (0.8, 0.5, 0.3
 
 @cache
 def _direction() -> tuple[Scene, ...]:
-    return tuple(scenes.aslant(64, 12.0, 10.0, 0.6, 0.1, u) for u in DIRECTIONS)
+    return tuple(scenes.aslant(64, 12.0, 10.0, 0.5, 0.1, u) for u in DIRECTIONS)
 
 
 def _judge_direction(outcomes: Sequence[Outcome], _reference: Outcome | None) -> Errors:
