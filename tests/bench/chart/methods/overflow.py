@@ -4,8 +4,8 @@
 Rule: what a voxel holds above 1 goes in equal shares to its six neighbours, until all hold at most 1. Their layers of
 large deformations and of surface tension are not here.
 In one setting the rule is all there is, and the tool merely a place without room: what enters it is handed on through
-it. In the other the tool first pushes what it covers outward, voxel by voxel along its own normal, and is closed to what
-would come back; theirs pushes material out of the tool, and only in that much is this like theirs.
+it. In the other the tool first pushes what it covers outward, voxel by voxel along its own normal, and is closed to
+what would come back; theirs pushes material out of the tool, and only in that much is this like theirs.
 Gets wrong: the first lets material walk through the tool, out of its top and into the air around it; both have no
 direction, no yield and no elastic return. The limit is found by `toppling`, not by their sweeps, which took as long as
 they took and left the rest for the next frame.
@@ -23,7 +23,7 @@ from tests.bench.chart.methods.toppling import Toppled
 
 @njit(cache=True)
 def _hand_outward(density, capacity, order, centre):
-    """Hand what is above capacity to the neighbours farther out, by the normal's components; ``order``: innermost first."""
+    """Hand what is above capacity to the neighbours farther out, by the normal's components, innermost voxels first."""
     at = np.empty(3, np.int64)
     for row in range(order.shape[0]):
         at[:] = order[row]
@@ -43,7 +43,7 @@ def _hand_outward(density, capacity, order, centre):
 
 
 def push_outward(density: np.ndarray, capacity: np.ndarray, position: Vector, radius: float) -> None:
-    """Move what ``density`` (nx, ny, nz) float64 holds in the tool above ``capacity`` out along its normals, in place."""
+    """Move what ``density`` (nx, ny, nz) float64 holds above ``capacity`` out along the tool's normals, in place."""
     box, covered = tool_in(density.shape, position, radius)
     inside = np.argwhere(covered > 0.0) + [s.start for s in box]
     order = np.argsort(np.linalg.norm(inside - position, axis=1), kind="stable")

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The limit of "what exceeds its room goes in equal shares to the six neighbours", found without toppling for ages.
 
-Toppling is abelian: whatever the order, it ends in the same field (arXiv 1903.06263). With u the mass that a voxel hands
-to each neighbour in all, and L the Laplacian of the voxels that are open, that field is d - L u for the least u >= 0 with
-d - L u <= capacity: an obstacle problem, solved here by over-relaxed projected Gauss-Seidel in two colours. In a packed
-block literal toppling needs some N^2 sweeps for N voxels of depth, this some N: the time is kinder to the rivals than
-theirs was. No flow crosses the array's border or enters a closed voxel.
+Toppling is abelian: whatever the order, it ends in the same field (arXiv 1903.06263). With u the mass that a voxel
+hands to each neighbour in all, and L the Laplacian of the voxels that are open, that field is d - L u for the least
+u >= 0 with d - L u <= capacity: an obstacle problem, solved here by over-relaxed projected Gauss-Seidel in two colours.
+In a packed block literal toppling needs some N^2 sweeps for N voxels of depth, this some N: the time is kinder to the
+rivals than theirs was. No flow crosses the array's border or enters a closed voxel.
 """
 
 from __future__ import annotations
