@@ -10,9 +10,12 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import patheffects
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from ..drawing import INK, save
+from .growth import Growth
 from .pareto import front
 from .rows import Row
 
@@ -26,6 +29,8 @@ COLOURS = {
 }
 OTHERS = ("#2d8f57", "#7a4fb0", "#0f8f96", "#b0488c", "#6b7a1e", "#4a5a8a")
 
+HALO = [patheffects.withStroke(linewidth=2.2, foreground="white")]
+
 
 @dataclass(frozen=True)
 class Panel:
@@ -36,10 +41,15 @@ class Panel:
     title: str
     axis: str
 
+    def shows(self, row: Row) -> bool:
+        """Whether a row has a point here. Another exponent moves no voxel, so it is seen where forces are."""
+        force_alone = row.setting.startswith("m = ") and self.error != "err_force"
+        return row.truth == self.truth and self.error in row.errors and row.ms_p50 > 0.0 and not force_alone
+
 
 def known(rows: Sequence[Row], panel: Panel) -> list[Row]:
     """The rows that have a point in a panel."""
-    return [row for row in rows if row.truth == panel.truth and panel.error in row.errors and row.ms_p50 > 0.0]
+    return [row for row in rows if panel.shows(row)]
 
 
 def colour(method: str, methods: Sequence[str]) -> str:
@@ -73,8 +83,9 @@ def _frame(axes: Axes, panel: Panel, rows: Sequence[Row]) -> None:
     axes.set_xlim(min(times) / 2.5, max(times) * 6.0)
     axes.set_ylim(min(errors) / 2.2, max(errors) * 2.2)
     axes.grid(True, which="major", lw=0.4, alpha=0.4)
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def _points(axes: Axes, rows: Sequence[Row], panel: Panel, methods: Sequence[str]) -> None:
@@ -104,7 +115,7 @@ def _name(axes: Axes, rows: Sequence[Row], points: Sequence[tuple[float, float]]
         row, (x, y) = rows[number], at[number]
         text = axes.annotate(
             row.label, points[number], xytext=(0, 0), textcoords="offset pixels", fontsize=7.2,
-            color=colour(row.method, methods), va="center", ha="left", zorder=4,
+            color=colour(row.method, methods), va="center", ha="left", zorder=4, path_effects=HALO,
         )  # fmt: skip
         extent = text.get_window_extent(renderer)
         place = _free_place(x, y, extent.width, extent.height, frame, taken, 1.4 * size)
@@ -135,3 +146,24 @@ def _free_place(x, y, width, height, frame, taken, gap) -> tuple[float, float]:
             if inside and overlap < least:
                 best, least = (left, low), overlap
     return best
+
+
+def draw_growth(grown: Sequence[Growth], path: Path, dpi: int = 100) -> None:
+    """A step's p50 over the tool's radius and over the grid's side."""
+    figure, panels = plt.subplots(1, 2, figsize=(13.0, 5.0), layout="constrained", sharey=True)
+    names = {"tool": "the tool's radius in 128³, voxels", "grid": "the grid's side with a tool of R = 8, voxels"}
+    methods = list(dict.fromkeys(one.method for one in grown))
+    for axes, (kind, name) in zip(panels, names.items()):
+        for method, setting in dict.fromkeys((one.method, one.setting) for one in grown):
+            own = [g for g in grown if (g.method, g.setting, g.kind) == (method, setting, kind)]
+            at, times = [g.at for g in own], [g.outcome.p50 for g in own]
+            style = {"color": colour(method, methods), "ls": "--" if setting == "numpy" else "-"}
+            axes.plot(at, times, marker="o", ms=4, label=f"{method}, {setting}", **style)
+        axes.set(xscale="log", yscale="log", xlabel=name, xticks=sorted({g.at for g in grown if g.kind == kind}))
+        axes.grid(True, which="major", lw=0.4, alpha=0.4)
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    panels[0].set(ylabel="milliseconds a step, p50")
+    panels[0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    panels[1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    save(figure, path, dpi)

@@ -109,7 +109,8 @@ def direction(straight: np.ndarray, oblique: Sequence[np.ndarray]) -> float:
 
 def symmetry(before: np.ndarray, found: np.ndarray, axis: int) -> float:
     """How far a press along ``axis`` through the middle of a square block is from fourfold symmetry: the largest
-    distance from itself turned by 90, 180 or 270 degrees or mirrored, L1 over net moved mass."""
+    distance from itself turned by 90, 180 or 270 degrees or mirrored, L1 over net moved mass; 0 where none moved."""
     across = [a for a in range(3) if a != axis]
     turned = [np.rot90(found, k, across) for k in (1, 2, 3)] + [np.flip(found, a) for a in across]
-    return max(net_moved(found, image) for image in turned) / net_moved(before, found)
+    moved = net_moved(before, found)
+    return max(net_moved(found, image) for image in turned) / moved if moved else 0.0

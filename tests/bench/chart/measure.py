@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """One method in one scene, alone in a process of its own: what it left, what it felt, how long it took, what it held.
 
-`measure` is the side of the chart; run as a module this is the side of the process, which takes a request as JSON and
-leaves an .npz. So neither a compiler's warmth, nor memory, nor a crash of one method reaches another's figures.
+`measure` is the side of the chart; run as a module this is the side of the process, which takes a request as JSON, a
+scene as an .npz, and leaves another. So neither a compiler's warmth, nor memory, nor a crash of one method reaches
+another's figures.
 """
 
 from __future__ import annotations
@@ -25,23 +26,21 @@ from .method import Method, Scene
 ROOT = Path(__file__).resolve().parents[3]
 REPEATED = 0.6
 """Seconds for which a press is done again and again from the start: a fast method gets enough steps for a p99."""
-START_UP = 60.0
+START_UP = 120.0
 """Seconds beyond its budget after which a process is ended: start-up, compilers, writing."""
 ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
 class Request:
-    """Method ``name`` and ``setting`` of ``module`` (of the folder methods), in scene number ``scene`` of a trial.
+    """Method ``name`` in ``setting``, of ``module`` (of the folder methods).
 
-    ``budget`` is in seconds of stepping.
+    ``budget`` is in seconds of stepping, ``repeated`` in seconds of doing the press again.
     """
 
     module: str
     name: str
     setting: str
-    trial: str
-    scene: int = 0
     budget: float = 30.0
     repeated: float = REPEATED
 
@@ -68,15 +67,23 @@ class Outcome:
         return float(np.percentile(self.ms, 50)) if len(self.ms) else np.nan
 
     @property
+    def press(self) -> float:
+        """Milliseconds of all steps of the first press."""
+        return float(self.ms[: len(self.force)].sum()) if len(self.ms) else np.nan
+
+    @property
     def p99(self) -> float:
         return float(np.percentile(self.ms, 99)) if len(self.ms) else np.nan
 
 
-def measure(request: Request) -> Outcome:
-    """Run a request to its end, or to the end of its time."""
+def measure(request: Request, scene: Scene) -> Outcome:
+    """Run a request in a scene to its end, or to the end of its time."""
     with tempfile.TemporaryDirectory(prefix="repousse-chart-") as folder:
         result = Path(folder) / "outcome.npz"
-        command = [sys.executable, "-m", "tests.bench.chart.measure", json.dumps(asdict(request)), str(result)]
+        np.savez(
+            Path(folder) / "scene.npz", **{name: value for name, value in vars(scene).items() if value is not None}
+        )
+        command = [sys.executable, "-m", __spec__.name, json.dumps(asdict(request)), folder]
         try:
             done = subprocess.run(
                 command,
@@ -133,6 +140,8 @@ def press(method: Method, scene: Scene, budget: float) -> tuple[float, list[floa
         spent += taken
         ms.append(1000.0 * taken)
         forces.append(float(felt))
+    if hasattr(solver, "milliseconds_a_step"):  # it cannot stop between steps
+        ms = [solver.milliseconds_a_step] * len(ms)
     return start_up, ms, forces, np.array(solver.density, np.float32), failure
 
 
@@ -160,10 +169,16 @@ def _pin() -> None:
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
-def _answer(request: Request, result: Path) -> None:
-    from .trials import TRIALS
+def _read_scene(path: Path) -> Scene:
+    with np.load(path) as kept:
+        x, y, z = kept["direction"].tolist()
+        band = float(kept["band"]) if "band" in kept.files else None
+        radius, kappa = float(kept["radius"]), float(kept["yield_ratio"])
+        return Scene(kept["density"], radius, kept["path"], (x, y, z), kappa, band)
 
-    scene = TRIALS[request.trial].scenes()[request.scene]
+
+def _answer(request: Request, folder: Path) -> None:
+    scene = _read_scene(folder / "scene.npz")
     _pin()
     _forget_peak()
     held, _ = _memory()
@@ -175,9 +190,8 @@ def _answer(request: Request, result: Path) -> None:
     ending = time.perf_counter() + request.repeated
     while not failure and time.perf_counter() < ending:
         ms += press(method, scene, request.budget)[1]
-    unfinished = result.with_name("unfinished.npz")
     np.savez(
-        unfinished,
+        folder / "unfinished.npz",
         failure=failure,
         force=np.array(force),
         density=density,
@@ -185,7 +199,7 @@ def _answer(request: Request, result: Path) -> None:
         start_up=1000.0 * (imported + start_up),
         mb=most - held,
     )
-    os.replace(unfinished, result)
+    os.replace(folder / "unfinished.npz", folder / "outcome.npz")
 
 
 if __name__ == "__main__":

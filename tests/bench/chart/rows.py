@@ -18,9 +18,9 @@ COLUMNS = ("method", "setting", "truth", "ms_p50", "ms_p99", *ERRORS, "mb")
 class Row:
     """One method in one setting against one truth.
 
-    ``ms_p50`` and ``ms_p99`` are of a step, in milliseconds; ``start_up`` in milliseconds; ``mb`` MB over the process
-    without the method. ``errors`` has those of `COLUMNS` and those that stand beside the chart. ``failure`` says in a
-    line why a figure is missing, and is written after the setting.
+    ``ms_p50`` and ``ms_p99`` are of a step, in milliseconds, and so are ``ms_press``, of all steps of one press, and
+    ``start_up``; ``mb`` is MB over the process without the method. ``errors`` has those of `COLUMNS` and those that
+    stand beside the chart. ``failure`` says in a line why a figure is missing, and is written after the setting.
     """
 
     method: str
@@ -30,6 +30,7 @@ class Row:
     ms_p99: float
     mb: float
     start_up: float
+    ms_press: float
     errors: dict[str, float] = field(default_factory=dict)
     failure: str = ""
 

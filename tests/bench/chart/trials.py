@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from . import column, errors, scenes
+from . import column, errors, physics, scenes
 from .measure import Outcome
 from .method import Scene
 
@@ -88,6 +88,30 @@ def _judge_direction(outcomes: Sequence[Outcome], _reference: Outcome | None) ->
     }
 
 
+def _judge_press(name: str, outcomes: Sequence[Outcome]) -> Errors:
+    scene, found = physics.scene(name), outcomes[0]
+    press = physics.truth(name)
+    wrong = {
+        "err_mass": errors.mass(scene.density, found.density),
+        "err_force": errors.force(physics.force(name, scene), found.force),
+        "err_pileup": errors.pile_up(float(press.rim[-1]), physics.rim(scene, found.density)),
+        "symmetry": errors.symmetry(scene.density, found.density, 2),
+    }
+    if physics.crushable(name):
+        truth = physics.density(scene, press.density[-1])
+        wrong["err_density_l1"] = errors.density_l1(scene.density, truth, found.density)
+        wrong["err_density_w1"] = errors.density_w1(scene.density, truth, found.density, 2, scenes.face(scene))
+    else:
+        wrong["err_density_l1"] = errors.occupancy(
+            physics.surface(scene, press.profile_z[-1]), physics.heights(scene, found.density)
+        )
+    return wrong
+
+
+def _press(name: str, title: str) -> Trial:
+    return Trial(name, title, lambda: (physics.scene(name),), lambda outcomes, _: _judge_press(name, outcomes))
+
+
 TRIALS = {
     trial.name: trial
     for trial in (
@@ -99,6 +123,8 @@ TRIALS = {
             _judge_recursion,
             reference=("recursive", "recursive", "literal"),
         ),
+        _press("foam-500", "finite elements of a crushable foam"),
+        _press("mises-500", "finite elements of a von Mises solid"),
         Trial("direction", "the same push along an axis", _direction, _judge_direction),
     )
 }

@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -19,18 +20,20 @@ FULL_FORCE = 3.3
 
 
 class Pushing:
-    """A Push at work in a scene; ``options`` are Push's own."""
+    """A Push at work in a scene: ``reach`` in radii, ``softer`` divides kappa, ``exponent`` is the force's, and
+    ``options`` are Push's own."""
 
-    def __init__(self, scene: Scene, reach: float = 1.5, **options) -> None:
+    def __init__(
+        self, scene: Scene, reach: float = 1.5, softer: float = 1.0, exponent: float = 1.0, **options: Any
+    ) -> None:
         self._against = -np.array(scene.direction)
         tool = SphereTool(scene.radius, reach * scene.radius)
+        material = Material(FULL_FORCE, scene.yield_ratio / softer, exponent)
         with (
             warnings.catch_warnings()
         ):  # a column has no sides: it yields where the bound for a large block is exceeded
             warnings.filterwarnings("ignore", message="this material may never yield")
-            self.push = Push(
-                DensityGrid(scene.density), tool, Material(FULL_FORCE, scene.yield_ratio), border="wall", **options
-            )
+            self.push = Push(DensityGrid(scene.density), tool, material, border="wall", **options)
         self.contact: Contact | None = None
 
     @property
@@ -43,12 +46,12 @@ class Pushing:
         return float(self.contact.force @ self._against)
 
 
-def without_rim(scene: Scene, **options) -> Pushing:
+def without_rim(scene: Scene, **options: Any) -> Pushing:
     """The paper's pyramid without end."""
     return Pushing(scene, **options)
 
 
-def with_rim(scene: Scene, **options) -> Pushing:
+def with_rim(scene: Scene, **options: Any) -> Pushing:
     """What reaches the scene's band rises around the tool; without a band there is no rim."""
     return Pushing(scene, band=scene.band, **options)
 
@@ -75,6 +78,12 @@ METHODS = [
     Method("sweep", "one sweep a solve", with_constant("MOST_SWEEPS", 1)),
     Method("sweep", "solves of 1/4 voxel", with_constant("LONGEST_STEP", 0.25)),
     Method("sweep", "reach 1.1 R", partial(without_rim, reach=1.1)),
-    Method("sweep", "reach 2 R", partial(without_rim, reach=2.0)),
+    Method("sweep", "kappa / 5", partial(without_rim, softer=5.0)),
+    Method("sweep", "m = 3/4", partial(without_rim, exponent=0.75)),
+    Method("sweep", "m = 1/2", partial(without_rim, exponent=0.5)),
     Method("sweep + rim", "compiled", with_rim),
+    Method("sweep + rim", "reach 1.1 R", partial(with_rim, reach=1.1)),
+    Method("sweep + rim", "kappa / 5", partial(with_rim, softer=5.0)),
+    Method("sweep + rim", "m = 3/4", partial(with_rim, exponent=0.75)),
+    Method("sweep + rim", "m = 1/2", partial(with_rim, exponent=0.5)),
 ]
