@@ -2,9 +2,10 @@
 """MLS-MPM: material points on a grid (Hu et al., SIGGRAPH 2018), elastoplastic, a rigid sphere without friction.
 
 Explicit, so a slow press takes many substeps: what is slow is only slow against the speed of sound. Mass is scaled so
-that this is 1 cell a unit of time; the tool moves at ``SPEED`` of it, and inertia is then E/Y SPEED^2, 4 %, of the yield
-stress. The transfers' own dissipation is all the damping: a drag of 2 % a cell of sound's way, tried, raised the force
-by 6 %. E/Y = 500, nu = .3. Points are eight a cell around the tool's path, one a cell elsewhere, where strains are small.
+that this is 1 cell a unit of time; the tool moves at ``SPEED`` of it, and inertia is then E/Y SPEED^2, 4 %, of the
+yield stress. The transfers' own dissipation is all the damping: a drag of 2 % a cell of sound's way, tried, raised the
+force by 6 %. E/Y = 500, nu = .3. Points are eight a cell around the tool's path, and one a cell elsewhere, where
+strains are small.
 
 The sphere pushes each point that reaches into it, not the nodes within it: by nodes (tried) the contact was felt half a
 cell early, and points sank a third of a cell into the tool, so that the force rose half as fast as it should.
@@ -42,7 +43,7 @@ CONTACT = 0.1
 """Depth by which a point reaches into the sphere, over the way that the contact pushes it back in a substep."""
 FELT = 0.5
 """The last part of a step over which the force is averaged."""
-NEAR = 2.5
+NEAR = 2.0
 """Distance in radii from the tool's path within which there are eight points a cell."""
 FRAME = 3
 """Cells of grid around the scene."""
@@ -205,7 +206,7 @@ def _row(g, b):
 
 @njit(cache=True, error_model="numpy")
 def _draw(at, half, deformed, mass, density):
-    """Add to ``density`` what the points' parallelepipeds cover: SPLIT^3 cubes each, shared among the voxels that touch.
+    """Add to ``density`` what the points' parallelepipeds cover: SPLIT^3 cubes each, shared among the voxels they meet.
 
     ``at`` (n, 3) and ``half`` (n,), half edges, in voxels; a cube's share of a voxel is its overlap on each axis.
     """
@@ -350,8 +351,16 @@ class Points:
 
 
 LAWS = {"von Mises": VON_MISES, "crushable foam": FOAM}
-METHODS = [
-    Method("MLS-MPM", f"{law}, {cells}^3", lambda scene, cells=cells, alpha=alpha: Points(scene, cells, alpha))
-    for law, alpha in LAWS.items()
-    for cells in (32, 48)
-]
+
+
+def _methods(*sizes: int) -> list[Method]:
+    return [
+        Method("MLS-MPM", f"{law}, {cells}^3", lambda scene, cells=cells, alpha=alpha: Points(scene, cells, alpha))
+        for law, alpha in LAWS.items()
+        for cells in sizes
+    ]
+
+
+METHODS = _methods(32, 48)
+SLOW = _methods(64)
+"""Minutes a press: only where they are asked for."""
