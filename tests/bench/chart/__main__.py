@@ -46,7 +46,7 @@ PRINTED = 62
 
 def main(arguments: Sequence[str] | None = None) -> None:
     options = _options(arguments)
-    chosen = [p for p in points() if not options.only or any(p.name == name.strip() for name in options.only)]
+    chosen = [p for p in points() if not options.only or p.name in options.only]
     names = [name for name in TRIALS if not options.trials or name in options.trials]
     if options.quick:
         chosen, names = [p for p in points() if (p.name, p.setting) in QUICK], ["column"]
@@ -73,10 +73,10 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="make chart", description=__doc__.splitlines()[0])
 
     def several(text: str) -> list[str]:
-        return [part for part in text.split(";") if part]
+        return [part.strip() for part in text.split(",") if part.strip()]
 
-    parser.add_argument("--only", type=several, default=[], help="names of methods, ; between them")
-    parser.add_argument("--trials", type=several, default=[], help="names of truths, ; between them")
+    parser.add_argument("--only", type=several, default=[], help="names of methods, comma between them")
+    parser.add_argument("--trials", type=several, default=[], help="names of truths, comma between them")
     parser.add_argument("--quick", action="store_true", help="three methods against one truth, in seconds")
     parser.add_argument("--page", action="store_true", help="also rewrite the page's tables and picture")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "chart")
@@ -85,7 +85,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     for option, asked in (("--trials", options.trials), ("--only", options.only)):
         for name in asked:
             if name not in known[option]:
-                parser.error(f'{option}: there is no "{name}"; choose from {"; ".join(sorted(known[option]))}')
+                parser.error(f'{option}: there is no "{name}"; choose from {", ".join(sorted(known[option]))}')
     return options
 
 

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 from scipy import ndimage
 
-from ..truths import load
-from ..truths.indentation import CELL, PROFILE_R, TOP, Indentation
+from ..truths import Indentation, load
+from ..truths.measures import CELL, PROFILE_R, TOP
 from . import errors, scenes
 from .method import Scene
 

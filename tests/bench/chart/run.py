@@ -18,7 +18,7 @@ MODULES = (
     *("carve", "sweep", "estimators", "coarse", "batched", "recursive"),
     *("overflow", "sandpile", "potential_rim", "mpm", "finite_elements"),
 )
-BUDGETS = {"recursive": 40.0, "batched": 40.0, "mpm": 150.0}
+BUDGETS = {"recursive": 40.0, "batched": 40.0, "overflow": 40.0, "sandpile": 40.0, "mpm": 150.0}
 """Seconds of stepping that a module's methods may take in one scene."""
 BUDGET = 20.0
 PRESSES = ("foam-500", "mises-500")
@@ -32,6 +32,7 @@ ONLY_IN = (
     ("sweep", "", ("foam-500", "column", "recursion", "direction")),  # what these change, the rim does not touch
     ("sweep + rim", "", ("mises-500",)),  # where there is no band it is the sweep
     ("recursive", "ties", ("recursion",)),  # it is there to show what ties are worth
+    ("sweep + potential rim", "", ("mises-500",)),
     ("batched", "", ("recursion", "direction")),  # it is there to show how the sweep's kernel differs
     ("MLS-MPM", "von Mises", ("mises-500",)),
     ("MLS-MPM", "crushable foam", ("foam-500",)),

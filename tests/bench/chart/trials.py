@@ -32,25 +32,22 @@ class Trial:
     reference: tuple[str, str, str] | None = None
 
 
-LAW = column.ColumnLaw()
-
-
 @cache
 def _column() -> tuple[Scene]:
-    return (column.scene(LAW),)
+    return (column.scene(),)
 
 
 def _judge_column(outcomes: Sequence[Outcome], _reference: Outcome | None) -> Errors:
     (scene,), found = _column(), outcomes[0]
     depth = scenes.depths(scene)
     truth = np.zeros(scene.density.shape)
-    truth[:] = LAW.column(depth[-1], scenes.face(scene), scene.density.shape[2])
+    truth[:] = column.density(depth[-1], scenes.face(scene), scene.density.shape[2])
     return {
         "err_mass": errors.mass(scene.density, found.density),
         "err_density_l1": errors.density_l1(scene.density, truth, found.density),
         "err_density_w1": errors.density_w1(scene.density, truth, found.density, 2, scenes.face(scene)),
-        "err_force": errors.force(LAW.held(depth), found.force),
-        "yield depth": abs(errors.yield_depth(depth, found.force) / LAW.yield_depth - 1.0),
+        "err_force": errors.force(column.LAW.pressed(depth), found.force),
+        "yield depth": abs(errors.yield_depth(depth, found.force) / column.LAW.yield_depth - 1.0),
     }
 
 

@@ -14,7 +14,8 @@ from functools import partial
 import numpy as np
 
 from ...truths.case import CASES, COARSE, MIDDLE
-from ...truths.run import Press, press
+from ...truths.measures import Press
+from ...truths.run import press
 from .. import physics, scenes
 from ..method import Method, Scene, Vector
 
