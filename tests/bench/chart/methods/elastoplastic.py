@@ -17,7 +17,7 @@ from numba import njit
 VON_MISES, FOAM = 0.0, 3.0 / sqrt(2.0)
 """alpha of a solid that keeps its volume, and of a foam that does not widen when it is crushed."""
 
-inline = njit(cache=True, inline="always", error_model="numpy")
+inline = njit(inline="always", error_model="numpy")
 
 
 @inline

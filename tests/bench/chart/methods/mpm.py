@@ -19,6 +19,7 @@ parallelepipeds (their cubes, deformed) cover, less what they covered at first, 
 
 from __future__ import annotations
 
+from functools import cache, partial
 from math import ceil
 
 import numpy as np
@@ -39,8 +40,8 @@ SPEED = 0.01
 """Of the tool, in speeds of sound."""
 COURANT = 0.4
 """Cells that sound travels in a substep."""
-CONTACT = 0.1
-"""Depth by which a point reaches into the sphere, over the way that the contact pushes it back in a substep."""
+CONTACT = 0.3
+"""Share of the depth by which a point reaches into the sphere that the contact would push it back in a substep."""
 FELT = 0.5
 """The last part of a step over which the force is averaged."""
 NEAR = 2.0
@@ -51,7 +52,7 @@ SPLIT = 3
 """Parts along each edge of a point's parallelepiped when it is drawn into voxels."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _weights(x):
     """Base node and quadratic B-spline weights of a point on one axis."""
     base = int(x - 0.5)
@@ -59,7 +60,7 @@ def _weights(x):
     return base, (0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _touch(x, v, deformed, mass, half, centre, radius, reaction, dt):
     """Push the points that reach into the sphere out along its normal; add up the force on it.
 
@@ -86,7 +87,7 @@ def _touch(x, v, deformed, mass, half, centre, radius, reaction, dt):
             reaction[2] -= push * nz
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _to_grid(x, v, affine, stress, mass, volume, momentum, dt):
     """Points to grid: mass and momentum, with the impulse of the stress (MLS-MPM, equation 18); D = 1/4 cell^2."""
     momentum[:] = 0.0
@@ -114,7 +115,7 @@ def _to_grid(x, v, affine, stress, mass, volume, momentum, dt):
                     node[3] += w * (pz + zz * dz)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _on_grid(momentum, high):
     """Momentum to velocity at the nodes, none across the walls."""
     for i in range(momentum.shape[0]):
@@ -128,7 +129,7 @@ def _on_grid(momentum, high):
                     node[1 + axis] *= 0.0 if at <= FRAME or at >= high[axis] else 1.0 / m
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _to_points(x, v, affine, deformed, green, stress, volume, first_volume, momentum, dt, law):
     """Grid to points: velocity and its gradient, then deformation, plastic flow and the stress of the next substep."""
     bulk, shear, yield_stress, alpha = law
@@ -179,7 +180,7 @@ def _to_points(x, v, affine, deformed, green, stress, volume, first_volume, mome
             stress[p, part] = s[part]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _carried(g, b):
     """g b g^T of a symmetric b."""
     ax, ay, az = _row(g[0], b)
@@ -195,7 +196,7 @@ def _carried(g, b):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _row(g, b):
     return (
         g[0] * b[0] + g[1] * b[5] + g[2] * b[4],
@@ -204,7 +205,7 @@ def _row(g, b):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _draw(at, half, deformed, mass, density):
     """Add to ``density`` what the points' parallelepipeds cover: SPLIT^3 cubes each, shared among the voxels they meet.
 
@@ -353,9 +354,24 @@ class Points:
 LAWS = {"von Mises": VON_MISES, "crushable foam": FOAM}
 
 
+@cache
+def _compile() -> None:
+    """Compile all kernels, by a step of a small scene. Not kept on disk: numba's cache sees no change of a constant."""
+    corner = np.zeros((4, 4, 4), np.float32)
+    corner[:, :, :2] = 1.0
+    points = Points(Scene(corner, 1.0, np.array([(1.5, 1.5, 2.5)]), (0.0, 0.0, -1.0), 0.0), 4, FOAM)
+    for height in (2.5, 2.49):
+        points.move_to((1.5, 1.5, height))
+
+
+def _begun(scene: Scene, cells: int, alpha: float) -> Points:
+    _compile()
+    return Points(scene, cells, alpha)
+
+
 def _methods(*sizes: int) -> list[Method]:
     return [
-        Method("MLS-MPM", f"{law}, {cells}^3", lambda scene, cells=cells, alpha=alpha: Points(scene, cells, alpha))
+        Method("MLS-MPM", f"{law}, {cells}^3", partial(_begun, cells=cells, alpha=alpha))
         for law, alpha in LAWS.items()
         for cells in sizes
     ]

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from tests.bench.chart.method import Method, Vector
+from tests.bench.chart.method import Method, Scene, Vector
 from tests.bench.chart.methods.ousting import tool_in
 from tests.bench.chart.methods.toppling import Toppled
 
@@ -50,7 +50,12 @@ def push_outward(density: np.ndarray, capacity: np.ndarray, position: Vector, ra
     _hand_outward(density, capacity, inside[order], np.asarray(position, float))
 
 
+def _pushing(scene: Scene) -> Toppled:
+    _hand_outward(*np.zeros((2, 1, 1, 1)), np.zeros((0, 3), np.int64), np.zeros(3))  # compiled now, not in a step
+    return Toppled(scene, obstacle=True, oust=push_outward)
+
+
 METHODS = [
     Method("overflow", "through the tool", lambda scene: Toppled(scene, obstacle=False)),
-    Method("overflow", "tool pushes outward", lambda scene: Toppled(scene, obstacle=True, oust=push_outward)),
+    Method("overflow", "tool pushes outward", _pushing),
 ]

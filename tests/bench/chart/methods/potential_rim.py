@@ -79,7 +79,7 @@ def sweep_to_band(
         kept[planes[1][plane] < 1.0] = 0.0  # the tool's own voxels take nothing
         planes[0][plane] += kept
         flux -= kept
-    return float(surplus + flux.sum())
+    return max(float(surplus + flux.sum()), 0.0)
 
 
 def potential(density: np.ndarray, capacity: np.ndarray, source: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
@@ -123,7 +123,7 @@ class PotentialRim:
         ousted = np.maximum(d - capacity, 0.0)
         mass = float(ousted.sum())
         if mass > 0.0:
-            d -= ousted
+            np.minimum(d, capacity, out=d)
             reach = np.inf if scene.band is None else scene.radius + scene.band
             left = sweep_to_band(d, capacity, ousted, scene.direction, position, reach)
             if left > 0.0:

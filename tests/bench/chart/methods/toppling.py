@@ -95,6 +95,7 @@ class Toppled:
         self._radius, self._obstacle, self._oust = scene.radius, obstacle, oust
         self._handed = np.zeros([n + 2 for n in self.density.shape])
         self._advance = Advance(scene)
+        _sweep(*np.zeros((3, 3, 3, 3)), 1.0)  # compiled now, not in the first step
 
     def move_to(self, position: Vector) -> float:
         box, covered = tool_in(self.density.shape, position, self._radius)
