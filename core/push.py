@@ -20,6 +20,7 @@ from .history import History
 from .material import Material, largest_yield_ratio
 from .native.state import BORDERS, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
 from .plasticity import Regime, contact_normal, estimate, felt_force, overloaded, regime_of, stresses
+from .quality import quality_named
 from .recursion import disperse_recursively
 from .tool import Tool, Vector, unit, vector
 
@@ -28,20 +29,18 @@ if TYPE_CHECKING:
 
 METHODS = ("sweep", "recursive")
 VERBS = ("push", "pull", "smooth")
-LONGEST_STEP = 0.5
-"""Voxels of travel to a solve, at most: thin sheets are not jumped."""
 SAME_DIRECTION = 1e-9
 """Distance of two unit vectors that differ by rounding only."""
 TURNING_STEP = 0.25
 """Voxels of travel, since it last told the direction of a dispersion, from which on it tells it again."""
 RETREAT = 0.5
 """Component of a way along the outward contact normal above which the tool is drawn back."""
-MOST_SWEEPS = 4
-"""Sweeps to a solve: the first, and at most three that correct for what left the reach."""
 GROWTH_SHARE = 64
 """A side grows by a brick for each so many voxels along it, an eighth: the copy that each growth costs stays rare."""
 GIVEN = 0.999
 """Share of what was wanted below which packed material has given all it can."""
+NO_ROOM_WITHIN = 4.0
+"""Half lengths of the tool ahead of its centre: flux that goes on beyond them has met full material."""
 BLOCKED = 1e-3
 """Share of what was emptied that has to come back before the tool counts as blocked."""
 
@@ -94,6 +93,8 @@ class Push:
         "push"; "pull": material comes out of the tool along the direction that a move gives, until what is left has a
         density lower than that around it by the move's strength, always by sweeps and without a band; "smooth": density
         evens out inside the tool, once for each quarter radius of travel.
+    quality
+        "exact", "balanced" or "draft": what a step may cost (core/quality.py), where a move does not say.
 
     Poses and dirty boxes stay in the index frame that the grid had when the push was made; :attr:`origin` is where the
     first voxel of the grid lies in that frame. Several pushes may share a grid: each follows when
@@ -119,6 +120,7 @@ class Push:
         rim: float = 2.0,
         wake: float = 1.0,
         verb: str = "push",
+        quality: str = "exact",
     ) -> None:
         if method not in METHODS:
             raise ValueError(f'there is no method "{method}": choose from {", ".join(METHODS)}')
@@ -134,6 +136,7 @@ class Push:
         self.grid, self.material, self.verb = grid, material, verb
         self.method, self.border, self.rim, self.wake = method, border, rim, wake
         self.band = band if verb == "push" else None
+        self.quality = self._quality = quality_named(quality)
         self.epoch = 0
         self._frame = self._grown = grid.grown
         self._strength = 1.0
@@ -186,6 +189,7 @@ class Push:
         # sweep mostly meets sigma_f, without it 1.7 do.
         self._gain = 1.0
         self._unsmoothed = inf  # voxels of travel since the last smoothing
+        self._went_far = False  # the flux of the last sweep
         self._contact = Contact(Regime.NONE, 0.0, 0.0, np.zeros(3))
 
     def move_to(
@@ -195,22 +199,24 @@ class Push:
         continuous: bool = False,
         direction: Iterable[float] | None = None,
         strength: float | None = None,
+        quality: str | None = None,
     ) -> Contact:
-        """Move the tool to ``position`` (x, y, z) in voxels, in solves of at most half a voxel.
+        """Move the tool to ``position`` (x, y, z) in voxels, in solves of at most half a voxel (draft: a whole one).
 
         ``radius`` is the tool's from here on, its reach in proportion. A jump of more than a tool's diameter lifts the
         tool, unless ``continuous``. ``direction`` (unit vector) is where material flows; None: along the displacement.
-        ``strength`` (0 to 1, None: 1) is what pulling and smoothing work with.
+        ``strength`` (0 to 1, None: 1) is what pulling and smoothing work with; ``quality`` None is the push's.
 
         Raises
         ------
         ValueError
             When position, direction or radius is not finite, the radius under one voxel, the direction not of unit
-            length or the strength outside 0 to 1; the grid is untouched.
+            length, the strength outside 0 to 1 or the quality unknown; the grid is untouched.
         """
         target = _checked(position)
         given = None if direction is None else unit(direction)
         strength = 1.0 if strength is None else _checked_strength(strength)
+        self._quality = self.quality if quality is None else quality_named(quality)
         if radius is not None and radius != self.tool.radius:
             self._take_up(self.tool.scaled(radius))
             self._solved = None
@@ -229,7 +235,9 @@ class Push:
 
     def walk(self, sample: Sample, continuous: bool = False) -> Contact:
         """Move to one sample of a Stroke."""
-        return self.move_to(sample.position, sample.radius, continuous, sample.direction, sample.strength)
+        return self.move_to(
+            sample.position, sample.radius, continuous, sample.direction, sample.strength, sample.quality
+        )
 
     def remember(self) -> History:
         """Keep before-images of all that changes from here on."""
@@ -274,11 +282,20 @@ class Push:
         """Voxels of flux that all sweeps so far have looked at: the cost of a push, counted."""
         return int(self._work.sweep.visited)
 
+    @property
+    def flow(self) -> str:
+        """How density moves here, one of `quality.FLOWS`: with a band it rises; else the last sweep tells whether it
+        found room near the tool."""
+        if self.band is not None:
+            return "rim"
+        return "saturated" if self._went_far else "compressible"
+
     def _steps_to(self, target: Vector) -> list[Vector]:
         if self._position is None:
             return [target]
         start = self._position
-        steps = max(1, ceil(dist(target, start) / LONGEST_STEP - 1e-9))  # half a voxel is one step, however it rounds
+        longest = self._quality.longest_step
+        steps = max(1, ceil(dist(target, start) / longest - 1e-9))  # half a voxel is one step, however it rounds
         if steps == 1:
             return [target]
         first, last = self._near_grid(start, target)
@@ -387,7 +404,7 @@ class Push:
         masses, axis, packed = work.estimate, dispersion.dominant_axis(direction), self.band is not None
         self._aim(direction, axis)
         gain = self._gain
-        while moved.sweeps < MOST_SWEEPS:
+        while moved.sweeps < self._quality.most_sweeps:
             excess = masses.tool_mass - kappa * masses.reach_mass
             wanted = excess / (1.0 + kappa * gain)
             tool_mass, reach_mass = masses.tool_mass, masses.reach_mass
@@ -407,9 +424,9 @@ class Push:
         return moved
 
     def _aim(self, direction: Vector, axis: int) -> None:
-        aimed = (direction, self.tool, self.border, self.band)
+        aimed = (direction, self.tool, self.border, self.band, self._quality.leap)
         if self._aimed != aimed:
-            dispersion.aim(self._work, direction, axis, BORDERS.index(self.border), self.band)
+            dispersion.aim(self._work, direction, axis, BORDERS.index(self.border), self.band, self._quality.leap)
             self._aimed = aimed
 
     def _draw_out(self, direction: Vector) -> _Moved | None:
@@ -430,7 +447,7 @@ class Push:
         """Smooth once for each `smooth.TRAVEL` radii of travel, and once where the contact begins."""
         work, step = self._work, smoothing.TRAVEL * self.tool.radius
         begins = self._unsmoothed == inf
-        self._unsmoothed += min(travel, LONGEST_STEP)  # a jump through air smooths nothing
+        self._unsmoothed += min(travel, self._quality.longest_step)  # a jump through air smooths nothing
         times = 1 if begins else int(self._unsmoothed / step)
         if not times or self._strength <= 0.0 or work.estimate.tool_mass <= 0.0:
             return None
@@ -456,6 +473,7 @@ class Push:
         dispersion.sweep_emptied(work)
         while dispersion.sweep(work) == NEEDS_GROWTH:
             self._grow(sweep.needs[0::2], sweep.needs[1::2])
+        self._went_far = abs(sweep.plane - work.tool.centre[axis]) > NO_ROOM_WITHIN * work.volume.extent[axis]
         left = sweep.surplus
         if left > 0.0 and self.band is not None:
             # Pressed one way while it goes another, the tool leaves its wake where it came from: its groove stays open.

@@ -28,6 +28,7 @@
 #define NEGLIGIBLE 1e-4f       // flux below this at the window's edge is folded inward (DESIGN 2)
 #define CACHE_LINE 16          // float32 values in a line
 #define SLAB_PLANES CACHE_LINE // planes along axis 2 that share a line
+#define ROWS_AHEAD 8           // rows whose memory is asked for before they are read
 #define SLAB_MARGIN 4          // room for the window to grow in before a slab is read again
 #define NEARLY_FULL 1e-3f      // a voxel with less room than this is full, for the rim (facts/rim.md)
 #define LITTLE_ROOM 0.02       // below this room a voxel's weight fades, so that rounding cannot switch it on and off
@@ -101,6 +102,10 @@ typedef struct {
     double laid, reach_gain, mass_out, surplus;
     int64_t planes, visited;
     int64_t dirty[6]; // low and high of what was written, grid order
+    // Leaps: `hole` voxels lie between the taps of their kernel, so one spreads for hole^2 planes; 0 is no leap.
+    int64_t hole, leap_shift[2];
+    float leap_weights[9];
+    double far; // planes ahead of the tool's centre from which on the flux may leap
 } Sweep;
 
 typedef struct {
@@ -912,14 +917,20 @@ static int64_t ask_growth(Sweep *s, const Frame *f, int below_a, int above_a) {
     return any;
 }
 
+// How far along u a window in a plane goes from the tool's centre.
+static double farthest(const Sweep *s, const Frame *f, int64_t plane, const int64_t w[4]) {
+    const double ua = s->direction[f->axis[0]], ub = s->direction[f->axis[1]], uc = s->direction[f->axis[2]];
+    return ua * ((double)plane - f->centre[0]) +
+           fmax(ub * ((double)w[0] - f->centre[1]), ub * ((double)(w[1] - 1) - f->centre[1])) +
+           fmax(uc * ((double)w[2] - f->centre[2]), uc * ((double)(w[3] - 1) - f->centre[2]));
+}
+
 // What has gone farther along u than the band lets it is surplus.
 static void stop_at_band(Sweep *s, const Frame *f) {
     const double ua = s->direction[f->axis[0]], ub = s->direction[f->axis[1]], uc = s->direction[f->axis[2]];
     const int64_t *w = s->window;
     const double ahead = ua * ((double)s->plane - f->centre[0]);
-    const double farthest = ahead + fmax(ub * ((double)w[0] - f->centre[1]), ub * ((double)(w[1] - 1) - f->centre[1])) +
-                            fmax(uc * ((double)w[2] - f->centre[2]), uc * ((double)(w[3] - 1) - f->centre[2]));
-    if (farthest <= s->limit) return;
+    if (farthest(s, f, s->plane, w) <= s->limit) return;
     for (int64_t b = w[0]; b < w[1]; b++) {
         const double row = ahead + ub * ((double)b - f->centre[1]);
         for (int64_t c = w[2]; c < w[3]; c++) {
@@ -1058,6 +1069,81 @@ static void prefetch_plane(const Grid *g, const Frame *f, const Sweep *s) {
     }
 }
 
+// Leap: in full material the flux only spreads, and that is diffusion, so the kernel of one plane with holes of h voxels
+// between its taps spreads for h^2 planes at once, on the same voxels.
+
+// Where a leap may carry the flux.
+static void leap_window(const Sweep *s, int64_t w[4]) {
+    for (int i = 0; i < 2; i++) {
+        w[2 * i] = s->window[2 * i] + least(0, s->leap_shift[i] - s->hole);
+        w[2 * i + 1] = s->window[2 * i + 1] + most(0, s->leap_shift[i] + s->hole);
+    }
+}
+
+// Whether planes [first, last) are full in a window; asked from the far end, where room is likelier.
+static int all_full_ahead(const Grid *g, const Frame *f, const int64_t w[4], int64_t first, int64_t last,
+                          int64_t step) {
+    if (f->stride[2] != 1) { // then a row along c is far apart in memory, and the planes are not
+        for (int64_t b = w[0]; b < w[1]; b++)
+            for (int64_t c = w[2]; c < w[3]; c++) {
+                const float *d = g->density + b * f->stride[1] + c * f->stride[2] + first;
+                if (c + ROWS_AHEAD < w[3]) prefetch_row(d + ROWS_AHEAD * f->stride[2], 0, last - first);
+                if (!all_full(d, last - first)) return 0;
+            }
+        return 1;
+    }
+    for (int64_t q = 0; q < last - first; q++) {
+        const int64_t plane = step > 0 ? last - 1 - q : first + q;
+        for (int64_t b = w[0]; b < w[1]; b++) {
+            const float *d = g->density + plane * f->stride[0] + b * f->stride[1] + w[2];
+            if (b + ROWS_AHEAD < w[1]) prefetch_row(d + ROWS_AHEAD * f->stride[1], 0, w[3] - w[2]);
+            if (!all_full(d, w[3] - w[2])) return 0;
+        }
+    }
+    return 1;
+}
+
+// Whether the flux may leap from the plane before this one: far from the tool, through full material inside the grid, and
+// not over the band.
+static int may_leap(const Grid *g, const Frame *f, const Sweep *s, int64_t step) {
+    const int64_t planes = s->hole * s->hole, end = s->plane + step * (planes - 1);
+    int64_t w[4];
+    if (!planes || (double)step * ((double)s->plane - f->centre[0]) < s->far) return 0;
+    leap_window(s, w);
+    if (end < 0 || end >= f->n[0] || w[0] < 0 || w[1] > f->n[1] || w[2] < 0 || w[3] > f->n[2]) return 0;
+    if (farthest(s, f, end, w) > s->limit) return 0;
+    return all_full_ahead(g, f, w, least(s->plane, end), most(s->plane, end) + 1, step);
+}
+
+// flux'(b, c) = sum of w(i, j) flux(b - h i, c - h j): one row from three.
+static void leap_row(const float w[9], int64_t h, const float *restrict above, const float *restrict here,
+                     const float *restrict below, int64_t n, float *restrict to) {
+    for (int64_t k = 0; k < n; k++)
+        to[k] = w[0] * above[k + 2 * h] + w[1] * above[k + h] + w[2] * above[k] + w[3] * here[k + 2 * h] +
+                w[4] * here[k + h] + w[5] * here[k] + w[6] * below[k + 2 * h] + w[7] * below[k + h] + w[8] * below[k];
+}
+
+// The flux on the plane to which it leaps.
+static void leap(Sweep *s, int64_t step) {
+    const int64_t h = s->hole, *w = s->window, rows = w[1] - w[0], n = w[3] - w[2], stride = n + 4 * h;
+    float *framed = s->next; // a copy with as much air around it as the kernel is wide
+    memset(framed, 0, (size_t)((rows + 4 * h) * stride) * sizeof(float));
+    for (int64_t b = 0; b < rows; b++)
+        memcpy(framed + (b + 2 * h) * stride + 2 * h, flux_at(s, w[0] + b, w[2]), (size_t)n * sizeof(float));
+    const int64_t reached[4] = {w[0] + s->leap_shift[0] - h, w[1] + s->leap_shift[0] + h, w[2] + s->leap_shift[1] - h,
+                                w[3] + s->leap_shift[1] + h};
+    lay_buffer(s, s->flux, reached);
+    for (int64_t b = 0; b < rows + 2 * h; b++) {
+        const float *above = framed + (b + 2 * h) * stride, *here = framed + (b + h) * stride;
+        leap_row(s->leap_weights, h, above, here, framed + b * stride, n + 2 * h,
+                 flux_at(s, reached[0] + b, reached[2]));
+    }
+    trim(s);
+    s->plane += step * (h * h - 1);
+    s->planes++;
+    s->visited += (s->window[1] - s->window[0]) * (s->window[3] - s->window[2]);
+}
+
 // Carry the emptied mass plane by plane along the dominant axis, from the tool's rear (DESIGN 2, Dispersion).
 // Returns DONE, or NEEDS_GROWTH when mass stands at a growing border: then grow the grid, move the indices, call again.
 EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s) {
@@ -1081,6 +1167,10 @@ EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s
                 break;
             }
             if (s->window[0] >= s->window[1] && !sources) continue;
+            if (!sources_ahead && may_leap(g, &f, s, step)) {
+                leap(s, step);
+                continue;
+            }
             prefetch_plane(g, &f, s);
             spread(s, e, sources);
             if (sources) add_sources(s, e);

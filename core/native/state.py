@@ -109,7 +109,7 @@ class Workspace(Probe):
         super().attach(density)
         nx, ny, nz = density.shape
         former = [f for f in self._fluxes if sweeping and f.ctypes.data == ctypes.addressof(self.sweep.flux.contents)]
-        cells = (max(nx, ny) + 8) * (max(ny, nz) + 32)  # the largest window, its frame, and whole lanes
+        cells = (max(nx, ny) + 24) * (max(ny, nz) + 48)  # the largest window, a leap's frame, and whole lanes
         self._fluxes = [np.empty(cells, np.float32), np.empty(cells, np.float32)]
         for flux in former:
             self._fluxes[0][: flux.size] = flux

@@ -85,6 +85,10 @@ class Sweep(Structure):
         ("planes", c_int64),
         ("visited", c_int64),
         ("dirty", c_int64 * 6),
+        ("hole", c_int64),
+        ("leap_shift", c_int64 * 2),
+        ("leap_weights", c_float * 9),
+        ("far", c_double),
     ]
 
 
