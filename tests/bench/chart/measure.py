@@ -140,7 +140,7 @@ def press(method: Method, scene: Scene, budget: float) -> tuple[float, list[floa
         spent += taken
         ms.append(1000.0 * taken)
         forces.append(float(felt))
-    if hasattr(solver, "milliseconds_a_step"):  # it cannot stop between steps
+    if hasattr(solver, "milliseconds_a_step"):  # not each of its steps is a solve
         ms = [solver.milliseconds_a_step] * len(ms)
     return start_up, ms, forces, np.array(solver.density, np.float32), failure
 
