@@ -88,7 +88,7 @@ class Push:
     rim
         Radius of the rim's hats in contact radii.
     wake
-        Tool radii behind the tool that the rim keeps clear.
+        Tool radii behind the tool that the rim keeps clear; it keeps clear as far as the tool came since it touched.
     verb
         "push"; "pull": material comes out of the tool along the direction that a move gives, until what is left has a
         density lower than that around it by the move's strength, always by sweeps and without a band; "smooth": density
@@ -183,6 +183,7 @@ class Push:
         self._solved: Vector | None = None  # where the last estimate was made; None asks for a new one
         self._turned_at: Vector | None = None  # where density moved last, or where the contact began
         self._direction: Vector | None = None
+        self._entered: Vector | None = None  # where the contact began
         self._heading: Vector | None = None  # which way the last step went
         # What M_s gains for each voxel's worth that leaves the tool, as the last sweeps found it: all, until some of it
         # leaves the reach. It rises at once and falls slowly, so that no step moves more than it should; with it one
@@ -329,7 +330,7 @@ class Push:
         masses = work.estimate
         stress, yield_stress = self._stresses()
         if stress <= 0.0 or self._turned_at is None:
-            self._turned_at = position
+            self._turned_at = self._entered = position
         normal = contact_normal((masses.gradient[0], masses.gradient[1], masses.gradient[2]))
         if self.verb == "smooth":
             moved = self._smooth(travel)
@@ -478,7 +479,7 @@ class Push:
         if left > 0.0 and self.band is not None:
             # Pressed one way while it goes another, the tool leaves its wake where it came from: its groove stays open.
             behind = direction if self._given is None or self._heading is None else self._heading
-            left = rim.raise_rim(work, np.array(behind), left, self.rim, self.wake * self.tool.radius, self._make_room)
+            left = rim.raise_rim(work, np.array(behind), left, self.rim, self._shaft(behind), self._make_room)
         if left > 0.0:
             dispersion.put_back(work, left)
         # What was moved is known, so nothing is summed anew.
@@ -491,6 +492,13 @@ class Push:
         moved.mass += emptied.mass - left
         moved.blocked |= left > BLOCKED * emptied.mass
         dispersion.forget_emptied(work)
+
+    def _shaft(self, behind: Vector) -> float:
+        """How far back the tool's wake is kept clear: as far as it has come since it touched, or the hole closes."""
+        way = 0.0
+        if self._entered is not None and self._position is not None:
+            way = sum((p - e) * u for p, e, u in zip(self._position, self._entered, behind, strict=True))
+        return max(way, self.wake * self.tool.radius)
 
     def _relax_recursively(self, direction: Vector) -> _Moved:
         work, outside = self._work, "keep" if self.border == "wall" else "leave"

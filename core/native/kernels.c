@@ -21,7 +21,7 @@
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline)) // 6 % of a push, where it is used twice
 
-#define ABI_VERSION 2          // the loader refuses any other
+#define ABI_VERSION 3          // the loader refuses any other
 #define BRICK 8                // edge of a brick, core/grid.py
 #define SHELL 0.5              // thickness of the shells that are emptied one after another, voxels
 #define MAX_SHELLS 4096        // so tools are under 2000 voxels thick
@@ -34,6 +34,13 @@
 #define LITTLE_ROOM 0.02       // below this room a voxel's weight fades, so that rounding cannot switch it on and off
 #define PLACINGS 3             // rounds in which the surplus is laid on one list of voxels
 #define ENOUGH 1e-3            // share of it that may be left over without another round
+#define NEAR 2.6               // voxels from the tool within which the voxel behind a neighbour may be cut by it
+#define RISING 0.4f            // density from which a voxel begins to carry another one on it,
+#define RISEN 0.6f             // and that at which it does so wholly (core/rim.py)
+#define LATTICE 40             // most nodes along an axis of the lattice on which the hats are summed
+#define NODES_IN_HAT 6.0       // its nodes within the radius of a hat
+#define FAINT 0.01             // share of all that was emptied below which a sum of hats counts as none
+#define SIGHT_CELL 3.0         // edge in voxels of the cells of surface that share a line of material
 #define SIGHT_INSET 1.51 // voxels below the surface at which the line of material begins; not 1.5: that rounds by side
 #define SIGHT_STEP 1.5   // voxels between samples of that line, or more, for at most
 #define SIGHT_SAMPLES 16.0 // so many of them
@@ -114,16 +121,26 @@ typedef struct {
     double contact_radius;
 } Sources;
 
+typedef struct { // of the surface: sums over the voxels in it that can take material
+    double at[3], inward[3];
+    int64_t count, joined; // joined: 0 not known yet, else APART or JOINED
+} Cell;
+
+enum { APART = 1, JOINED = 2 };
+
 typedef struct {
-    int64_t *index; // flat index of each voxel that can take material
+    int64_t *index; // place (see `place_of`) of each voxel that can take material
     float *weight;
     int64_t *spill_index; // those that were given more than they hold, and how much more
     float *spill;
     int64_t capacity, count, spilling;
     const float *zeros; // a row of air, for what lies outside the grid
+    float *lattice;     // scratch, LATTICE nodes along each axis
+    Cell *cells;        // scratch, the cells of one layer across axis 0; all zero between calls
     double direction[3], wake;
     double tool_gain, reach_gain; // of M_t and M_s, by what was laid
     int64_t dirty[6];
+    int64_t hats, asked, sights; // counted since ever: hats evaluated, voxels asked for a weight, samples of lines
 } Rim;
 
 // Whether processor and system have AVX2: then the loader takes the library that was compiled for it from this source.
@@ -1203,13 +1220,16 @@ static int64_t cluster_of(double x, double side) {
     return within(x < 0.0 ? middle - steps : middle + steps, 0, CLUSTERS - 1);
 }
 
-// Cluster the emptied material into points, and measure a = sqrt(2 variance across u), the radius of a disc that
+// Cluster the emptied material into points a part of its radius apart, which is less than the tool's where that is not
+// wholly emptied, and measure a = sqrt(2 variance across u), the radius of a disc that
 // spreads as far.
 EXPORT void repousse_rim_sources(const Grid *g, const Tool *t, const Emptied *e, const double u[3], Sources *out) {
     double bins[MAX_POINTS][4], mass = 0.0, mean[3] = {0.0, 0.0, 0.0}, second = 0.0;
     const Frame f = frame_of(g, t, e->axis);
-    const double side =
-        fmax(fmax(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2)) / CLUSTERS_IN_RADIUS;
+    double radius = CLUSTERS_IN_RADIUS; // of what was emptied, about the tool's centre
+    for (int i = 0; i < 3; i++)
+        radius = fmax(radius, fmax(f.centre[i] - (double)e->first[i], (double)(e->last[i] - 1) - f.centre[i]));
+    const double side = radius / CLUSTERS_IN_RADIUS;
     memset(bins, 0, sizeof bins);
     for (int64_t a = e->first[0]; a < e->last[0]; a++)
         for (int64_t b = e->first[1]; b < e->last[1]; b++)
@@ -1250,12 +1270,11 @@ EXPORT void repousse_rim_sources(const Grid *g, const Tool *t, const Emptied *e,
 typedef struct { // positions relative to their mean
     float x[MAX_POINTS + LANES], y[MAX_POINTS + LANES], z[MAX_POINTS + LANES], mass[MAX_POINTS + LANES];
     int64_t padded;
-    double centre[3], low[3], high[3];
+    double centre[3], low[3], high[3], total;
 } Points;
 
 static Points points_of(const Sources *s) {
     Points p = {.padded = whole_lanes(s->count)};
-    double total = 0.0;
     for (int i = 0; i < 3; i++) {
         p.low[i] = INFINITY;
         p.high[i] = -INFINITY;
@@ -1263,14 +1282,14 @@ static Points points_of(const Sources *s) {
     }
     for (int64_t q = 0; q < s->count; q++) {
         const double at[3] = {s->x[q], s->y[q], s->z[q]};
-        total += s->mass[q];
+        p.total += s->mass[q];
         for (int i = 0; i < 3; i++) {
             p.centre[i] += s->mass[q] * at[i];
             p.low[i] = fmin(p.low[i], at[i]);
             p.high[i] = fmax(p.high[i], at[i]);
         }
     }
-    for (int i = 0; i < 3; i++) p.centre[i] /= total;
+    for (int i = 0; i < 3; i++) p.centre[i] /= p.total;
     for (int64_t q = 0; q < s->count; q++) {
         p.x[q] = (float)(s->x[q] - p.centre[0]);
         p.y[q] = (float)(s->y[q] - p.centre[1]);
@@ -1280,57 +1299,87 @@ static Points points_of(const Sources *s) {
     return p;
 }
 
-// sum over the sources of e max(0, 1 - |x - x_s| / L)
-static float hat_sum(const Points *p, double length, int64_t i, int64_t j, int64_t k) {
-    const float x = (float)((double)i - p->centre[0]), y = (float)((double)j - p->centre[1]),
-                z = (float)((double)k - p->centre[2]);
-    const float inverse = (float)(1.0 / length);
-    float lanes[LANES] = {0.0f};
-    for (int64_t q = 0; q < p->padded; q += LANES)
-        for (int l = 0; l < LANES; l++) {
-            const float dx = x - p->x[q + l], dy = y - p->y[q + l], dz = z - p->z[q + l];
-            const float hat = 1.0f - sqrtf(dx * dx + dy * dy + dz * dz) * inverse;
-            lanes[l] += p->mass[q + l] * (hat > 0.0f ? hat : 0.0f);
-        }
-    float sum = 0.0f;
-    for (int l = 0; l < LANES; l++) sum += lanes[l];
-    return sum;
-}
-
 static float density_at(const Grid *g, int64_t i, int64_t j, int64_t k) {
     if (i < 0 || j < 0 || k < 0 || i >= g->shape[0] || j >= g->shape[1] || k >= g->shape[2]) return 0.0f;
     return g->density[(i * g->shape[1] + j) * g->shape[2] + k];
+}
+
+// Distance to a shape, or something beyond NEAR where that needs no square root.
+static double distance_near(const Shape *s, double x, double y, double z) {
+    if (fabs(x) > extent(s, 0) + NEAR || fabs(y) > extent(s, 1) + NEAR || fabs(z) > extent(s, 2) + NEAR)
+        return 2.0 * NEAR;
+    return distance(s, x, y, z);
+}
+
+static double covered(const Shape *s, double x, double y, double z) { return coverage_at(distance_near(s, x, y, z)); }
+
+// A voxel in one number that sorts as its index does, and is taken apart without dividing.
+#define PLACE_BITS 19
+#define PLACE_MASK ((1 << PLACE_BITS) - 1)
+static int64_t place_of(int64_t i, int64_t j, int64_t k) { return (i << PLACE_BITS | j) << PLACE_BITS | k; }
+static void take_apart(int64_t place, int64_t at[3]) {
+    at[0] = place >> 2 * PLACE_BITS;
+    at[1] = place >> PLACE_BITS & PLACE_MASK;
+    at[2] = place & PLACE_MASK;
 }
 
 static const int64_t neighbours[6][3] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
 
 // Room that the tool leaves in a voxel, cap = 1 - w; 1 far from it.
 static double capacity(const Tool *t, int64_t i, int64_t j, int64_t k) {
-    return 1.0 - coverage(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
+    return 1.0 - covered(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
 }
 
-// How many of a voxel's six neighbours are full: only beside those does material rise.
-static int full_neighbours(const Grid *g, const Tool *t, int near, int64_t i, int64_t j, int64_t k) {
-    int full = 0;
-    if (!near && i > 0 && j > 0 && k > 0 && i + 1 < g->shape[0] && j + 1 < g->shape[1] && k + 1 < g->shape[2]) {
-        const int64_t n = g->shape[2], plane = g->shape[1] * n;
-        const float *d = g->density + i * plane + j * n + k, enough = 1.0f - NEARLY_FULL;
-        return (d[plane] >= enough) + (d[-plane] >= enough) + (d[n] >= enough) + (d[-n] >= enough) + (d[1] >= enough) +
-               (d[-1] >= enough);
-    }
+// How far material has come up in a voxel that carries the next one: 0 below RISING, 1 from RISEN on.
+static float risen(float d) { return d <= RISING ? 0.0f : d >= RISEN ? 1.0f : (d - RISING) / (RISEN - RISING); }
+
+static int full_at(const Grid *g, const Tool *t, int near, int64_t i, int64_t j, int64_t k) {
+    const double cap = near ? capacity(t, i, j, k) : 1.0;
+    return cap >= 0.5 && (double)density_at(g, i, j, k) >= cap - (double)NEARLY_FULL;
+}
+
+static float share_of(int on_full, float here, float carried) {
+    return on_full ? 1.0f - 0.5f * risen(here) : 0.5f * carried;
+}
+
+// `support` where neither the tool nor the grid's end is near.
+static float support_inside(const float *d, const int64_t stride[3]) {
+    const float enough = 1.0f - NEARLY_FULL;
+    float carried = 0.0f;
+    for (int a = 0; a < 3; a++)
+        for (int64_t step = -stride[a]; step <= stride[a]; step += 2 * stride[a]) {
+            if (d[step] >= enough) return share_of(1, *d, 0.0f);
+            if (d[step] > RISING && d[2 * step] >= enough) carried = fmaxf(carried, risen(d[step]));
+        }
+    return share_of(0, *d, carried);
+}
+
+// Share of what comes up here that this voxel takes. On full material it takes all, and half once it carries the next
+// voxel, which takes the other half: a surface that rises is two voxels thick, and no step shows (core/rim.py).
+static float support(const Grid *g, const Tool *t, int near, int64_t i, int64_t j, int64_t k) {
+    const int64_t *n = g->shape, stride[3] = {n[1] * n[2], n[2], 1};
+    if (!near && i > 1 && j > 1 && k > 1 && i + 2 < n[0] && j + 2 < n[1] && k + 2 < n[2])
+        return support_inside(g->density + i * stride[0] + j * stride[1] + k, stride);
+    float carried = 0.0f;
     for (int q = 0; q < 6; q++) {
-        const int64_t x = i + neighbours[q][0], y = j + neighbours[q][1], z = k + neighbours[q][2];
-        const double cap = near ? capacity(t, x, y, z) : 1.0;
-        full += cap >= 0.5 && (double)density_at(g, x, y, z) >= cap - (double)NEARLY_FULL;
+        const int64_t *to = neighbours[q], x = i + to[0], y = j + to[1], z = k + to[2];
+        if (full_at(g, t, near, x, y, z)) return share_of(1, density_at(g, i, j, k), 0.0f);
+        const float carries = risen(density_at(g, x, y, z));
+        if (carries > carried && full_at(g, t, near, x + to[0], y + to[1], z + to[2])) carried = carries;
     }
-    return full;
+    return share_of(0, 0.0f, carried);
 }
 
-// The tool's wake: where it came from, out to `wake` voxels behind it. Nothing falls in there.
-static int in_wake(const Tool *t, const double u[3], double wake, double x, double y, double z) {
-    const double behind = fmin(-(x * u[0] + y * u[1] + z * u[2]), wake);
-    if (behind <= 0.0) return 0;
-    return distance(&t->volume, x + behind * u[0], y + behind * u[1], z + behind * u[2]) < 0.5;
+// Signed distance to all that the tool has gone through on the last `wake` voxels of its way.
+static double swept_distance(const Tool *t, const Rim *r, double x, double y, double z) {
+    const double *u = r->direction, behind = clamp(-(x * u[0] + y * u[1] + z * u[2]), 0.0, r->wake);
+    return distance(&t->volume, x + behind * u[0], y + behind * u[1], z + behind * u[2]);
+}
+
+// The tool's wake: where it came from. Nothing falls in there.
+static int in_wake(const Tool *t, const Rim *r, double x, double y, double z) {
+    const double *u = r->direction;
+    return x * u[0] + y * u[1] + z * u[2] < 0.0 && r->wake > 0.0 && swept_distance(t, r, x, y, z) < 0.5;
 }
 
 static int inside_grid(const Grid *g, const double at[3]) {
@@ -1339,19 +1388,13 @@ static int inside_grid(const Grid *g, const double at[3]) {
     return 1;
 }
 
-// Whether material joins a voxel of the surface to the sources: the line from just inside it must not cross air.
-static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, int64_t j, int64_t k) {
-    double inward[3], from[3], way[3], length2 = 0.0, norm2 = 0.0;
-    const int64_t at[3] = {i, j, k};
+// Whether material joins a cell of the surface to the sources: the line from just inside it must not cross air. The
+// tool and its wake count as material: it flows around them.
+static int joined(const Grid *g, const Tool *t, Rim *r, const double to[3], const Cell *cell) {
+    double from[3], way[3], length2 = 0.0;
+    const double *in = cell->inward, norm = fmax(sqrt(in[0] * in[0] + in[1] * in[1] + in[2] * in[2]), 1e-6);
     for (int a = 0; a < 3; a++) {
-        const int64_t *up = neighbours[2 * a], *down = neighbours[2 * a + 1];
-        inward[a] = (double)density_at(g, i + up[0], j + up[1], k + up[2]) -
-                    (double)density_at(g, i + down[0], j + down[1], k + down[2]);
-        norm2 += inward[a] * inward[a];
-    }
-    const double norm = fmax(sqrt(norm2), 1e-6);
-    for (int a = 0; a < 3; a++) {
-        from[a] = (double)at[a] + SIGHT_INSET * inward[a] / norm;
+        from[a] = cell->at[a] / (double)cell->count + SIGHT_INSET * in[a] / norm;
         way[a] = to[a] - from[a];
         length2 += way[a] * way[a];
     }
@@ -1365,31 +1408,60 @@ static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, i
             surely_inside
                 ? g->density[((int64_t)(x + 0.5) * g->shape[1] + (int64_t)(y + 0.5)) * g->shape[2] + (int64_t)(z + 0.5)]
                 : density_at(g, floor_of(x + 0.5), floor_of(y + 0.5), floor_of(z + 0.5));
-        if (d < SIGHT_AIR && distance(&t->volume, x - t->centre[0], y - t->centre[1], z - t->centre[2]) > 1.0) return 0;
+        r->sights++;
+        if (d < SIGHT_AIR && swept_distance(t, r, x - t->centre[0], y - t->centre[1], z - t->centre[2]) > 1.0) return 0;
     }
     return 1;
 }
 
-// A row and the four beside it, the sixth and seventh neighbours being in the row itself.
+// A row and those beside it, one and two voxels away; the other neighbours are in the row itself.
 typedef struct {
-    const float *row, *beside[4];
+    const float *row, *beside[4], *second[4];
 } Rows;
 
 static Rows rows_around(const Grid *g, const Rim *r, int64_t i, int64_t j) {
-    const int64_t n = g->shape[2], plane = g->shape[1] * n;
-    const float *d = g->density + i * plane + j * n;
-    return (Rows){d,
-                  {i + 1 < g->shape[0] ? d + plane : r->zeros, i > 0 ? d - plane : r->zeros,
-                   j + 1 < g->shape[1] ? d + n : r->zeros, j > 0 ? d - n : r->zeros}};
+    const int64_t n = g->shape[2], step[2] = {g->shape[1] * n, n}, at[2] = {i, j};
+    Rows rows = {.row = g->density + i * step[0] + j * n};
+    for (int q = 0; q < 4; q++) {
+        const int64_t a = q / 2, way = q % 2 ? -1 : 1, one = at[a] + way, two = one + way;
+        rows.beside[q] = one >= 0 && one < g->shape[a] ? rows.row + way * step[a] : r->zeros;
+        rows.second[q] = two >= 0 && two < g->shape[a] ? rows.row + 2 * way * step[a] : r->zeros;
+    }
+    return rows;
 }
 
-// Mark which of LANES voxels, none at the row's ends, are not full and have a neighbour of at least `enough`.
-static void mark(const Rows *rows, float enough, int64_t first, uint8_t *restrict marks) {
-    const float *d = rows->row + first, *a = rows->beside[0] + first, *b = rows->beside[1] + first;
-    const float *e = rows->beside[2] + first, *f = rows->beside[3] + first, full = 1.0f - NEARLY_FULL;
-    for (int k = 0; k < LANES; k++)
-        marks[k] = (uint8_t)((d[k] < full) & ((a[k] >= enough) | (b[k] >= enough) | (e[k] >= enough) |
-                                              (f[k] >= enough) | (d[k - 1] >= enough) | (d[k + 1] >= enough)));
+// At least `enough` where a neighbour is, or where it carries (d > RISING) and the one behind it is.
+static void strongest(const float *restrict one, const float *restrict two, float enough, float *restrict most_) {
+    const float lift = enough - RISING;
+    for (int k = 0; k < LANES; k++) {
+        const float behind = one[k] + lift < two[k] ? one[k] + lift : two[k];
+        const float here = one[k] > behind ? one[k] : behind;
+        most_[k] = here > most_[k] ? here : most_[k];
+    }
+}
+
+// Mark which of LANES voxels, none at the row's ends, are not full and have such a neighbour; whether any is.
+static int mark(const Rows *rows, float enough, int64_t first, uint8_t *restrict marks) {
+    const float *d = rows->row + first, full = 1.0f - NEARLY_FULL;
+    float found[LANES] = {0.0f};
+    int any = 0;
+    for (int k = 0; k < LANES; k++) any |= d[k] < full;
+    if (!any) return 0;
+    any = 0;
+    strongest(d - 1, d - 2, enough, found);
+    strongest(d + 1, d + 2, enough, found);
+    for (int q = 0; q < 4; q++) strongest(rows->beside[q] + first, rows->second[q] + first, enough, found);
+    for (int k = 0; k < LANES; k++) any |= (found[k] >= enough) & (d[k] < full);
+    if (any)
+        for (int k = 0; k < LANES; k++) marks[k] = (uint8_t)((found[k] >= enough) & (d[k] < full));
+    return any;
+}
+
+// Whether a voxel at the grid's end has a neighbour that may be full or carry: the exact test decides.
+static uint8_t mark_at_end(const Rows *rows, int64_t k, int64_t n) {
+    float found = fmaxf(k > 0 ? rows->row[k - 1] : 0.0f, k + 1 < n ? rows->row[k + 1] : 0.0f);
+    for (int q = 0; q < 4; q++) found = fmaxf(found, rows->beside[q][k]);
+    return found > RISING;
 }
 
 // Nothing to mark where all is full, or where all is air.
@@ -1402,74 +1474,219 @@ static int dull(const Rows *rows, int64_t k) {
 
 // Where in a row a voxel may be beside the tool: there it is full when it fills what the tool leaves of it.
 static Span near_tool(const Tool *t, int64_t i, int64_t j) {
-    if (fabs((double)i - t->centre[0]) > extent(&t->volume, 0) + 3.0 ||
-        fabs((double)j - t->centre[1]) > extent(&t->volume, 1) + 3.0)
+    if (fabs((double)i - t->centre[0]) > extent(&t->volume, 0) + NEAR ||
+        fabs((double)j - t->centre[1]) > extent(&t->volume, 1) + NEAR)
         return no_span;
-    return (Span){floor_of(t->centre[2] - extent(&t->volume, 2) - 3.0),
-                  ceil_of(t->centre[2] + extent(&t->volume, 2) + 3.0)};
+    return (Span){floor_of(t->centre[2] - extent(&t->volume, 2) - NEAR),
+                  ceil_of(t->centre[2] + extent(&t->volume, 2) + NEAR) + 1};
 }
 
-// The voxels of a row within `length` of the box around the sources.
-static Span row_of_hats(const Points *p, double length, int64_t i, int64_t j, int64_t n) {
-    const double x = fmax(fmax(p->low[0] - (double)i, (double)i - p->high[0]), 0.0);
-    const double y = fmax(fmax(p->low[1] - (double)j, (double)j - p->high[1]), 0.0),
-                 left = length * length - x * x - y * y;
-    if (left <= 0.0) return no_span;
-    const int64_t low = ceil_of(clamp(p->low[2] - sqrt(left), 0.0, (double)n));
-    return (Span){low, most(low, floor_of(clamp(p->high[2] + sqrt(left), -1.0, (double)(n - 1))) + 1)};
+// W = sum over the sources of e max(0, 1 - |x - x_s| / L), less FAINT of all, on nodes around the tool's centre. It
+// bends little within a node's distance, so between nodes it is interpolated.
+typedef struct {
+    double low[3], spacing; // position of the first node
+    int64_t n[3];
+    float *value;
+} Lattice;
+
+static Lattice lattice_around(const Points *p, const Tool *t, double length, float *value) {
+    Lattice w = {.spacing = length / NODES_IN_HAT, .value = value};
+    for (int a = 0; a < 3; a++)
+        w.spacing = fmax(w.spacing, (p->high[a] - p->low[a] + 2.0 * length) / (double)(LATTICE - 3));
+    for (int a = 0; a < 3; a++) {
+        const int64_t first = floor_of((p->low[a] - length - t->centre[a]) / w.spacing);
+        w.n[a] = ceil_of((p->high[a] + length - t->centre[a]) / w.spacing) - first + 1;
+        w.low[a] = t->centre[a] + (double)first * w.spacing;
+    }
+    return w;
 }
 
-// W of one voxel = (full neighbours) x (sum of hats), or 0 where material cannot rise.
-static float rise_weight(const Grid *g, const Tool *t, const Points *p, const Rim *r, double length, int64_t i,
-                         int64_t j, int64_t k) {
+// Distance along one axis to the box around the sources.
+static double beyond_box(const Points *p, int a, double x) { return fmax(fmax(p->low[a] - x, x - p->high[a]), 0.0); }
+
+static void sum_hats(const Points *p, double length, Lattice *w, Rim *r) {
+    const float inverse = (float)(1.0 / length), faint = (float)(FAINT * p->total);
+    float across2[MAX_POINTS + LANES];
+    for (int64_t a = 0; a < w->n[0]; a++)
+        for (int64_t b = 0; b < w->n[1]; b++) {
+            const double at[2] = {w->low[0] + (double)a * w->spacing, w->low[1] + (double)b * w->spacing};
+            const double far_x = beyond_box(p, 0, at[0]), far_y = beyond_box(p, 1, at[1]);
+            const float x = (float)(at[0] - p->centre[0]), y = (float)(at[1] - p->centre[1]);
+            float *row = w->value + (a * w->n[1] + b) * w->n[2];
+            for (int64_t q = 0; q < p->padded; q++) {
+                const float dx = x - p->x[q], dy = y - p->y[q];
+                across2[q] = dx * dx + dy * dy;
+            }
+            for (int64_t c = 0; c < w->n[2]; c++) {
+                const double at_c = w->low[2] + (double)c * w->spacing, far_z = beyond_box(p, 2, at_c);
+                const float z = (float)(at_c - p->centre[2]);
+                float lanes[LANES] = {0.0f}, sum = 0.0f;
+                row[c] = -faint;
+                if (far_x * far_x + far_y * far_y + far_z * far_z >= length * length) continue;
+                r->hats += p->padded;
+                for (int64_t q = 0; q < p->padded; q += LANES)
+                    for (int l = 0; l < LANES; l++) {
+                        const float dz = z - p->z[q + l];
+                        const float hat = 1.0f - sqrtf(across2[q + l] + dz * dz) * inverse;
+                        lanes[l] += p->mass[q + l] * (hat > 0.0f ? hat : 0.0f);
+                    }
+                for (int l = 0; l < LANES; l++) sum += lanes[l];
+                row[c] += sum;
+            }
+        }
+}
+
+static int64_t cell_in_lattice(const Lattice *w, int a, double x) {
+    return within(floor_of((x - w->low[a]) / w->spacing), 0, w->n[a] - 2);
+}
+
+// The voxels of a row, n long, in column (a, b) of the lattice, between nodes of which any is above 0.
+static Span row_of_hats(const Lattice *w, int64_t a, int64_t b, int64_t n) {
+    const int64_t row = w->n[2];
+    int64_t first = row, last = -1;
+    for (int q = 0; q < 4; q++) {
+        const float *v = w->value + ((a + q / 2) * w->n[1] + b + q % 2) * row;
+        for (int64_t c = 0; c < row; c++)
+            if (v[c] > 0.0f) {
+                first = least(first, c);
+                last = most(last, c);
+            }
+    }
+    if (last < 0) return no_span;
+    const double low = w->low[2] + (double)(first - 1) * w->spacing, high = w->low[2] + (double)(last + 1) * w->spacing;
+    const int64_t begin = ceil_of(clamp(low, 0.0, (double)n));
+    return (Span){begin, most(begin, floor_of(clamp(high, -1.0, (double)(n - 1))) + 1)};
+}
+
+static double between(double part, double first, double second) { return first + part * (second - first); }
+
+static float hats_at(const Lattice *w, int64_t i, int64_t j, int64_t k) {
+    const double x[3] = {(double)i, (double)j, (double)k};
+    int64_t cell[3];
+    double part[3], along[4];
+    for (int a = 0; a < 3; a++) {
+        cell[a] = cell_in_lattice(w, a, x[a]);
+        part[a] = (x[a] - w->low[a]) / w->spacing - (double)cell[a];
+    }
+    for (int q = 0; q < 4; q++) {
+        const float *v = w->value + ((cell[0] + q / 2) * w->n[1] + cell[1] + q % 2) * w->n[2] + cell[2];
+        along[q] = between(part[2], (double)v[0], (double)v[1]);
+    }
+    return (float)between(part[0], between(part[1], along[0], along[1]), between(part[1], along[2], along[3]));
+}
+
+// Weight of one voxel = W x support, or 0 where material cannot rise.
+static float rise_weight(const Grid *g, const Tool *t, const Lattice *w, Rim *r, int64_t i, int64_t j, int64_t k) {
     const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
-    const double far = distance(&t->volume, x, y, z), room = 1.0 - coverage_at(far) - (double)density_at(g, i, j, k);
+    const double far = distance_near(&t->volume, x, y, z),
+                 room = 1.0 - coverage_at(far) - (double)density_at(g, i, j, k);
+    r->asked++;
     if (room <= (double)NEARLY_FULL) return 0.0f;
-    const int full = full_neighbours(g, t, far < 1.6, i, j, k);
-    if (!full || in_wake(t, r->direction, r->wake, x, y, z)) return 0.0f;
-    const float hats = hat_sum(p, length, i, j, k);
-    if (hats <= 0.0f || !joined(g, t, p->centre, i, j, k)) return 0.0f;
-    return hats * (float)full * (float)fmin(room / LITTLE_ROOM, 1.0);
+    const float carried = support(g, t, far < NEAR, i, j, k);
+    if (carried <= 0.0f || in_wake(t, r, x, y, z)) return 0.0f;
+    return hats_at(w, i, j, k) * carried * (float)fmin(room / LITTLE_ROOM, 1.0);
 }
 
-static int64_t list_voxel(Rim *r, int64_t index, float weight) {
+// Number of a cell of the surface along one axis, from the tool's centre: symmetric at ties.
+static int64_t surface_cell(double x) {
+    const int64_t steps = floor_of(fabs(x) / SIGHT_CELL + 0.5);
+    return x < 0.0 ? -steps : steps;
+}
+
+static Cell *cell_of(const Grid *g, const Tool *t, const Rim *r, const int64_t at[3]) {
+    const int64_t row = surface_cell((double)(g->shape[2] - 1) - t->centre[2]) - surface_cell(-t->centre[2]) + 1;
+    return r->cells + (surface_cell((double)at[1] - t->centre[1]) - surface_cell(-t->centre[1])) * row +
+           surface_cell((double)at[2] - t->centre[2]) - surface_cell(-t->centre[2]);
+}
+
+// Of the listed voxels from `first` on, all in one layer of cells, keep those whose cell is joined to the sources.
+static void keep_joined(const Grid *g, const Tool *t, Rim *r, const double to[3], int64_t first) {
+    int64_t kept = first, at[3];
+    for (int64_t q = first; q < r->count; q++) {
+        take_apart(r->index[q], at);
+        Cell *cell = cell_of(g, t, r, at);
+        cell->count++;
+        for (int a = 0; a < 3; a++) {
+            const int64_t *up = neighbours[2 * a], *down = neighbours[2 * a + 1];
+            cell->at[a] += (double)at[a];
+            cell->inward[a] += (double)density_at(g, at[0] + up[0], at[1] + up[1], at[2] + up[2]) -
+                               (double)density_at(g, at[0] + down[0], at[1] + down[1], at[2] + down[2]);
+        }
+        r->spill_index[q] = cell - r->cells;
+    }
+    for (int64_t q = first; q < r->count; q++) {
+        Cell *cell = r->cells + r->spill_index[q];
+        if (!cell->joined) cell->joined = joined(g, t, r, to, cell) ? JOINED : APART;
+    }
+    const int64_t last = r->count;
+    for (int64_t q = first; q < last; q++) {
+        if (r->cells[r->spill_index[q]].joined != JOINED) continue;
+        r->index[kept] = r->index[q];
+        r->weight[kept++] = r->weight[q];
+    }
+    r->count = kept;
+    for (int64_t q = first; q < last; q++) memset(r->cells + r->spill_index[q], 0, sizeof(Cell));
+}
+
+static int64_t list_voxel(Rim *r, int64_t place, float weight) {
     if (weight <= 0.0f) return DONE;
     if (r->count == r->capacity) return LIST_FULL;
-    r->index[r->count] = index;
+    r->index[r->count] = place;
     r->weight[r->count++] = weight;
+    return DONE;
+}
+
+static int64_t gather_row(const Grid *g, const Tool *t, const Lattice *w, Rim *r, int64_t i, int64_t j, Span row) {
+    const int64_t n = g->shape[2];
+    const Span beside_tool = near_tool(t, i, j);
+    const Rows rows = rows_around(g, r, i, j);
+    if (i + 2 < g->shape[0] && j + 3 < g->shape[1]) prefetch_row(rows.second[0] + 3 * n, row.low, row.high);
+    for (int64_t k = row.low; k < row.high;) {
+        if (k > 1 && k + STRETCH + 1 < n && dull(&rows, k)) {
+            k += STRETCH;
+            continue;
+        }
+        const int64_t begin = k, end = least(k + LANES, row.high);
+        const float enough = k < beside_tool.high && end > beside_tool.low ? 0.49f : 1.0f - NEARLY_FULL;
+        uint8_t marks[LANES];
+        if (k < 2 || k + LANES + 1 >= n)
+            for (int64_t q = k; q < end; q++) marks[q - k] = mark_at_end(&rows, q, n);
+        else if (!mark(&rows, enough, k, marks)) {
+            k = end;
+            continue;
+        }
+        for (; k < end; k++)
+            if (marks[k - begin] && list_voxel(r, place_of(i, j, k), rise_weight(g, t, w, r, i, j, k)) == LIST_FULL)
+                return LIST_FULL;
+    }
     return DONE;
 }
 
 // Collect the free surface around the contact: each voxel that may be part of it is asked for its weight.
 EXPORT int64_t repousse_rim_gather(const Grid *g, const Tool *t, const Sources *s, double length, Rim *r) {
     const Points p = points_of(s);
-    const int64_t n = g->shape[2];
-    int64_t low[2], high[2];
+    Lattice w = lattice_around(&p, t, length, r->lattice);
+    int64_t low[2], high[2], layer = 0;
+    sum_hats(&p, length, &w, r);
     r->count = 0;
     for (int a = 0; a < 2; a++) {
         low[a] = most(0, ceil_of(clamp(p.low[a] - length, 0.0, (double)g->shape[a])));
         high[a] = least(g->shape[a], floor_of(clamp(p.high[a] + length, -1.0, (double)g->shape[a])) + 1);
     }
-    for (int64_t i = low[0]; i < high[0]; i++)
+    for (int64_t i = low[0]; i < high[0]; i++) {
+        int64_t column = -1;
+        Span row = no_span;
         for (int64_t j = low[1]; j < high[1]; j++) {
-            const Span row = row_of_hats(&p, length, i, j, n), beside_tool = near_tool(t, i, j);
-            const Rows rows = rows_around(g, r, i, j);
-            if (j + 2 < g->shape[1]) prefetch_row(rows.row + 2 * n, row.low, row.high);
-            for (int64_t k = row.low; k < row.high;) {
-                if (k > 0 && k + STRETCH < n && dull(&rows, k)) {
-                    k += STRETCH;
-                    continue;
-                }
-                const int64_t begin = k, end = least(k + LANES, row.high);
-                uint8_t marks[LANES] = {1, 1, 1, 1, 1, 1, 1, 1}; // at the grid's ends the exact test decides
-                if (k > 0 && k + LANES < n)
-                    mark(&rows, k < beside_tool.high && end > beside_tool.low ? 0.49f : 1.0f - NEARLY_FULL, k, marks);
-                for (; k < end; k++)
-                    if (marks[k - begin] && list_voxel(r, (i * g->shape[1] + j) * n + k,
-                                                       rise_weight(g, t, &p, r, length, i, j, k)) == LIST_FULL)
-                        return LIST_FULL;
-            }
+            const int64_t b = cell_in_lattice(&w, 1, (double)j);
+            if (b != column) row = row_of_hats(&w, cell_in_lattice(&w, 0, (double)i), b, g->shape[2]);
+            column = b;
+            if (row.high > row.low && gather_row(g, t, &w, r, i, j, row) == LIST_FULL) return LIST_FULL;
         }
+        const double x = (double)i - t->centre[0];
+        if (i + 1 < high[0] && surface_cell(x) == surface_cell(x + 1.0)) continue;
+        keep_joined(g, t, r, p.centre, layer);
+        layer = r->count;
+    }
     return DONE;
 }
 
@@ -1477,13 +1694,15 @@ static double room_at(const Grid *g, const Tool *t, int64_t i, int64_t j, int64_
     return capacity(t, i, j, k) - (double)density_at(g, i, j, k);
 }
 
-// A bit for each of the six neighbours, inside the grid, that has room.
-static int64_t open_neighbours(const Grid *g, const Tool *t, int64_t i, int64_t j, int64_t k) {
+// A bit for each of the six neighbours, inside the grid and outside the wake, that has room.
+static int64_t open_neighbours(const Grid *g, const Tool *t, const Rim *r, int64_t i, int64_t j, int64_t k) {
     int64_t bits = 0;
     for (int n = 0; n < 6; n++) {
         const int64_t x = i + neighbours[n][0], y = j + neighbours[n][1], z = k + neighbours[n][2];
         const int outside = x < 0 || y < 0 || z < 0 || x >= g->shape[0] || y >= g->shape[1] || z >= g->shape[2];
-        if (!outside && room_at(g, t, x, y, z) > (double)NEARLY_FULL) bits |= 1 << n;
+        if (!outside && room_at(g, t, x, y, z) > (double)NEARLY_FULL &&
+            !in_wake(t, r, (double)x - t->centre[0], (double)y - t->centre[1], (double)z - t->centre[2]))
+            bits |= 1 << n;
     }
     return bits;
 }
@@ -1496,9 +1715,9 @@ static double raise_voxel(Grid *g, const Tool *t, Rim *r, int64_t i, int64_t j, 
     mark_dirty(r->dirty, i, i + 1, j, j + 1, k, k + 1);
     *d = (float)(former + amount);
     const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
-    const double gained = (double)*d - former, inside = coverage(&t->volume, x, y, z);
+    const double gained = (double)*d - former, inside = covered(&t->volume, x, y, z);
     r->tool_gain += inside * gained;
-    r->reach_gain += (coverage(&t->surroundings, x, y, z) - inside) * gained;
+    r->reach_gain += (covered(&t->surroundings, x, y, z) - inside) * gained;
     return gained;
 }
 
@@ -1507,13 +1726,13 @@ static double spill_over(Grid *g, const Tool *t, Rim *r) {
     double left = 0.0;
     int64_t at[3];
     for (int64_t q = 0; q < r->spilling; q++) { // choose all before moving any
-        voxel_at(g, r->spill_index[q], at);
-        r->spill_index[q] = r->spill_index[q] << 6 | open_neighbours(g, t, at[0], at[1], at[2]);
+        take_apart(r->spill_index[q], at);
+        r->spill_index[q] = r->spill_index[q] << 6 | open_neighbours(g, t, r, at[0], at[1], at[2]);
     }
     for (int64_t q = 0; q < r->spilling; q++) {
         const int64_t open = r->spill_index[q] & 63;
         int ways = 0;
-        voxel_at(g, r->spill_index[q] >> 6, at);
+        take_apart(r->spill_index[q] >> 6, at);
         left += (double)r->spill[q];
         for (int n = 0; n < 6; n++) ways += open >> n & 1;
         for (int n = 0; n < 6; n++) {
@@ -1533,7 +1752,7 @@ EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) 
     for (int round = 0; round < PLACINGS && left > ENOUGH * amount; round++) {
         double total = 0.0;
         for (int64_t q = 0; q < r->count; q++) {
-            voxel_at(g, r->index[q], at);
+            take_apart(r->index[q], at);
             if (room_at(g, t, at[0], at[1], at[2]) <= (double)NEARLY_FULL) r->weight[q] = 0.0f;
             total += (double)r->weight[q];
         }
@@ -1542,7 +1761,7 @@ EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) 
         r->spilling = 0;
         for (int64_t q = 0; q < r->count; q++) {
             if (r->weight[q] <= 0.0f) continue;
-            voxel_at(g, r->index[q], at);
+            take_apart(r->index[q], at);
             const double share = each * (double)r->weight[q], room = fmax(room_at(g, t, at[0], at[1], at[2]), 0.0);
             left -= raise_voxel(g, t, r, at[0], at[1], at[2], fmin(share, room));
             if (share <= room || round > 0) continue;

@@ -14,7 +14,19 @@ import numpy as np
 from ..grid import BRICK, Box
 from ..tool import Shape, Tool
 from . import library
-from .structures import Emptied, Estimate, GridState, Rim, ShapeState, Sources, Sweep, ToolState
+from .structures import (
+    CELL_BYTES,
+    LATTICE,
+    SIGHT_CELL,
+    Emptied,
+    Estimate,
+    GridState,
+    Rim,
+    ShapeState,
+    Sources,
+    Sweep,
+    ToolState,
+)
 
 ORDERS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
 """For each dominant axis, the axes in the order (a, b, c): swept along a, in rows along c."""
@@ -119,6 +131,10 @@ class Workspace(Probe):
         self.sweep.row, self.sweep.slab = pointer(self._row, c_float), pointer(self._slab, c_float)
         self._zeros = np.zeros(nz, np.float32)
         self.rim.zeros = pointer(self._zeros, c_float)
+        cells = ceil(ny / SIGHT_CELL + 2) * ceil(nz / SIGHT_CELL + 2)
+        self._cells = np.zeros(cells * CELL_BYTES, np.uint8)
+        self._lattice = np.empty(LATTICE**3, np.float32)
+        self.rim.cells, self.rim.lattice = self._cells.ctypes.data, pointer(self._lattice, c_float)
 
     def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
         """Copy the bricks of a box before it is written for the first time, if anyone asked for before-images."""
@@ -165,7 +181,7 @@ class Workspace(Probe):
 
     @property
     def rim_list(self) -> tuple[np.ndarray, np.ndarray]:
-        """Flat indices (int64) and weights (float32) of the rim's list, views of its whole capacity."""
+        """Places (int64, `place_of` in kernels.c) and weights (float32) of the rim's list, views of its capacity."""
         return self._index, self._weight
 
     def moved(self, below: tuple[int, int, int]) -> None:

@@ -3,11 +3,13 @@
 
 from ctypes import POINTER, Structure, c_double, c_float, c_int64, c_uint8, c_void_p, sizeof
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 """Must equal ABI_VERSION in kernels.c: raised when a field changes its meaning."""
 
 CLUSTERS = 9
 MAX_POINTS = CLUSTERS**3
+LATTICE = 40
+SIGHT_CELL, CELL_BYTES = 3.0, 64
 
 
 class ShapeState(Structure):
@@ -117,11 +119,16 @@ class Rim(Structure):
         ("count", c_int64),
         ("spilling", c_int64),
         ("zeros", POINTER(c_float)),
+        ("lattice", POINTER(c_float)),
+        ("cells", c_void_p),
         ("direction", c_double * 3),
         ("wake", c_double),
         ("tool_gain", c_double),
         ("reach_gain", c_double),
         ("dirty", c_int64 * 6),
+        ("hats", c_int64),
+        ("asked", c_int64),
+        ("sights", c_int64),
     ]
 
 

@@ -13,7 +13,12 @@ from .case import CASES
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser("tests.bench.truths", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(CASES)}; none: all")
+    parser.add_argument("--check", action="store_true", help="compare the solver with what is known without it")
     options = parser.parse_args(arguments)
+    if options.check:
+        from .checks import report
+
+        return 0 if report() else 1
     names = options.names or list(CASES)
     for place in range(3):  # the coarse meshes of all come first: what is there early is of use early
         for name in names:

@@ -77,7 +77,7 @@ def joined(case: Case, presses: list[Press]) -> Indentation:
     finest, rims = presses[-1], np.array([one.rim for one in presses])
     return Indentation(
         case,
-        finest.size,
+        case.sizes[-1],
         finest.depth,
         finest.force,
         finest.contact_radius,
