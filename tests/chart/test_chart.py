@@ -142,8 +142,8 @@ def test_what_dominates_the_sweep_is_said():
     names = [[r.method for r in found] for found in (verdict.both, verdict.nearer, verdict.faster)]
     assert names == [["both"], ["nearer"], ["faster"]]
     said = words.sentence(rows, panel)
-    assert "Dominated by both, compiled (5 % at 1/2 of its time)" in said
-    assert "Nothing dominates it" in words.sentence([row("sweep", 1.0, 0.1), row("same", 1.1, 0.11)], panel)
+    assert "Dominated by both, compiled (5 % at 1/2 of its time)." in said
+    assert "No other method dominates it" in words.sentence([row("sweep", 1.0, 0.1), row("same", 1.1, 0.11)], panel)
 
 
 def test_a_ratio_is_of_whole_presses_that_got_through():

@@ -40,8 +40,6 @@ PANELS = (
 )
 QUICK = (("carve", "remove only"), ("sweep", "compiled"), ("coarse sweep", "half the resolution"))
 PAGE, PICTURE = ROOT / "tests" / "bench" / "README.md", ROOT / "tests" / "pictures" / "speed_accuracy.png"
-PRINTED = 62
-"""Dots an inch of the page's picture."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -66,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     _write(options.out, rows, sizes, time.monotonic() - began)
     if options.page:
         rewrite(PAGE, (options.out / "summary.md").read_text(encoding="utf-8"))
-        draw(rows, PANELS, PICTURE, PRINTED)
+        draw(rows, PANELS, PICTURE)
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

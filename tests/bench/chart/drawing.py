@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
+from PIL import Image
 
 from ..drawing import INK, save
 from .growth import Growth
@@ -58,8 +59,8 @@ def colour(method: str, methods: Sequence[str]) -> str:
     return COLOURS.get(method) or OTHERS[others.index(method) % len(OTHERS)]
 
 
-def draw(rows: Sequence[Row], panels: Sequence[Panel], path: Path, dpi: int = 100) -> None:
-    """All panels that have a point, two beside each other."""
+def draw(rows: Sequence[Row], panels: Sequence[Panel], path: Path) -> None:
+    """All panels that have a point, two beside each other; in few colours, so that the file is small."""
     shown = [panel for panel in panels if known(rows, panel)]
     methods = list(dict.fromkeys(row.method for row in rows))
     lines = -(-len(shown) // 2)
@@ -73,7 +74,10 @@ def draw(rows: Sequence[Row], panels: Sequence[Panel], path: Path, dpi: int = 10
     figure.set_layout_engine("none")
     for axes, panel in zip(grid.flat, shown):
         _points(axes, known(rows, panel), panel, methods)
-    save(figure, path, dpi)
+    save(figure, path, 100)
+    with Image.open(path) as picture:
+        few = picture.convert("RGB").quantize(64)
+    few.save(path, optimize=True)
 
 
 def _frame(axes: Axes, panel: Panel, rows: Sequence[Row]) -> None:
@@ -96,21 +100,23 @@ def _points(axes: Axes, rows: Sequence[Row], panel: Panel, methods: Sequence[str
         corners += [before, (after[0], before[1])]
     corners += [best[-1], (axes.get_xlim()[1], best[-1][1])]
     axes.plot(*zip(*corners), color=INK, lw=1.1, alpha=0.55, zorder=1)
+    line = axes.transData.transform(corners)
     for row, (time, error) in zip(rows, points):
         on_front = (time, error) in best
         tint = colour(row.method, methods)
         axes.scatter(time, error, s=42 if on_front else 26, color=tint, edgecolor=INK, lw=1.2 * on_front, zorder=3)
-    _name(axes, rows, points, methods)
+    _name(axes, rows, points, methods, [(*np.minimum(a, b) - 1.0, *np.maximum(a, b) + 1.0) for a, b in pairwise(line)])
 
 
-def _name(axes: Axes, rows: Sequence[Row], points: Sequence[tuple[float, float]], methods: Sequence[str]) -> None:
-    """Every point's name beside it, where it covers neither a point nor another name; joined to it when far away."""
+def _name(axes: Axes, rows: Sequence[Row], points: Sequence[tuple[float, float]], methods, taken: list) -> None:
+    """Every point's name beside it, where it covers no point, no other name and no box of ``taken``; joined to it when
+    far away."""
     figure = axes.figure
     renderer = figure.canvas.get_renderer()
     at = axes.transData.transform(points)
     frame = axes.get_window_extent(renderer)
     size = 5.0 * figure.dpi / 100.0
-    taken = [(x - size, y - size, x + size, y + size) for x, y in at]
+    taken += [(x - size, y - size, x + size, y + size) for x, y in at]
     for number in np.argsort([-y for _, y in at], kind="stable"):
         row, (x, y) = rows[number], at[number]
         text = axes.annotate(

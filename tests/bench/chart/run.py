@@ -18,7 +18,7 @@ MODULES = (
     *("carve", "sweep", "estimators", "coarse", "batched", "recursive"),
     *("overflow", "sandpile", "potential_rim", "mpm", "finite_elements"),
 )
-BUDGETS = {"recursive": 30.0, "overflow": 25.0, "sandpile": 25.0, "mpm": 120.0}
+BUDGETS = {"recursive": 30.0, "overflow": 25.0, "sandpile": 25.0, "mpm": 120.0, "finite_elements": 60.0}
 """Seconds of stepping that a module's methods may take in one scene."""
 BUDGET = 20.0
 PRESSES = ("foam-500", "mises-500")

@@ -86,8 +86,11 @@ def sentence(rows: Sequence[Row], panel: Panel) -> str:
 
     def named(row: Row) -> str:
         ratio = row.ms_p50 / ours.ms_p50
-        times = f"{ratio:.3g} times its time" if ratio >= 1.0 else f"1/{1.0 / ratio:.3g} of its time"
-        return f"{row.label} ({figure(panel.error, row.errors[panel.error])} at {times})"
+        if 1.0 / NOISE <= ratio <= NOISE:
+            times = "in its time"
+        else:
+            times = f"at {ratio:.3g} times its time" if ratio > 1.0 else f"at 1/{1.0 / ratio:.2g} of its time"
+        return f"{row.label} ({figure(panel.error, row.errors[panel.error])} {times})"
 
     def listed(several: Sequence[Row]) -> str:
         return "; ".join(named(row) for row in sorted(several, key=lambda row: row.errors[panel.error]))
@@ -97,7 +100,11 @@ def sentence(rows: Sequence[Row], panel: Panel) -> str:
         f"{figure(panel.error, ours.errors[panel.error])} at {milliseconds(ours.ms_p50)} ms a step."
     )
     said = [head]
-    said.append(f"Dominated by {listed(verdict.both)}." if verdict.both else "Nothing dominates it.")
+    others = [row for row in verdict.both if row.method not in OURS]
+    own = [row for row in verdict.both if row.method in OURS]
+    said.append(f"Dominated by {listed(others)}." if others else "No other method dominates it.")
+    if own:
+        said.append(f"Its own settings that do: {listed(own)}.")
     said.append(
         f"Nearer the truth, but slower: {listed(verdict.nearer)}." if verdict.nearer else "Nothing slower is nearer."
     )

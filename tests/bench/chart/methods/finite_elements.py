@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from ...truths.case import CASES, COARSE, MIDDLE
+from ...truths.case import CASES, COARSE
 from ...truths.measures import Press
 from ...truths.run import press
 from .. import physics, scenes
@@ -48,4 +48,6 @@ class Elements:
         return physics.density(self._scene, self._press.density[-1])
 
 
-METHODS = [Method("finite elements", f"h = {size:g} R", partial(Elements, size=size)) for size in (COARSE, MIDDLE)]
+METHODS = [
+    Method("finite elements", f"h = {size:g} R", partial(Elements, size=size)) for size in (2.0 * COARSE, COARSE)
+]
