@@ -125,6 +125,8 @@ def test_symmetry():
     found[2, 2, 0] = 1.0
     found[1, 2, 0] = 2.0  # all that was moved, to one side
     assert errors.symmetry(before, found, 2) == pytest.approx(1.0)
+    found[1, 2, 0] = found[3, 2, 0] = 1.5  # what no mirror tells, a quarter turn does
+    assert errors.symmetry(before, found, 2) == pytest.approx(1.0)
 
 
 def test_rings_hold_the_mass_that_moved():

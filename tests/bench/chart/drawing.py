@@ -76,7 +76,7 @@ def draw(rows: Sequence[Row], panels: Sequence[Panel], path: Path) -> None:
         _points(axes, known(rows, panel), panel, methods)
     save(figure, path, 100)
     with Image.open(path) as picture:
-        few = picture.convert("RGB").quantize(64)
+        few = picture.convert("RGB").quantize(255, dither=Image.Dither.NONE)
     few.save(path, optimize=True)
 
 
@@ -115,7 +115,7 @@ def _name(axes: Axes, rows: Sequence[Row], points: Sequence[tuple[float, float]]
     renderer = figure.canvas.get_renderer()
     at = axes.transData.transform(points)
     frame = axes.get_window_extent(renderer)
-    size = 5.0 * figure.dpi / 100.0
+    size = 7.0 * figure.dpi / 100.0
     taken += [(x - size, y - size, x + size, y + size) for x, y in at]
     for number in np.argsort([-y for _, y in at], kind="stable"):
         row, (x, y) = rows[number], at[number]
