@@ -125,7 +125,7 @@ def _name(axes: Axes, rows: Sequence[Row], points: Sequence[tuple[float, float]]
         )  # fmt: skip
         extent = text.get_window_extent(renderer)
         place = _free_place(x, y, extent.width, extent.height, frame, taken, 1.4 * size)
-        taken.append((place[0], place[1], place[0] + extent.width, place[1] + extent.height))
+        taken.append((place[0] - size, place[1], place[0] + extent.width + size, place[1] + extent.height))
         text.set_position((place[0] - x, place[1] + extent.height / 2 - y))
         nearest = np.clip((x, y), place, (place[0] + extent.width, place[1] + extent.height))
         if np.hypot(*(nearest - (x, y))) > 3.0 * size:
