@@ -1237,9 +1237,17 @@ static void leap_window(const Sweep *s, int64_t w[4]) {
     }
 }
 
+// Whether the map knows it of planes [first, last): none is read.
+static int surely_full_ahead(const Grid *g, const Frame *f, const int64_t w[4], int64_t first, int64_t last) {
+    for (int64_t plane = first; plane < last; plane = (plane / BRICK + 1) * BRICK)
+        if (!surely_full(g, f, plane, w[0], w[1], w[2], w[3])) return 0;
+    return 1;
+}
+
 // Whether planes [first, last) are full in a window; asked from the far end, where room is likelier.
 static int all_full_ahead(const Grid *g, const Frame *f, const int64_t w[4], int64_t first, int64_t last,
                           int64_t step) {
+    if (surely_full_ahead(g, f, w, first, last)) return 1;
     if (f->stride[2] != 1) { // then a row along c is far apart in memory, and the planes are not
         for (int64_t b = w[0]; b < w[1]; b++)
             for (int64_t c = w[2]; c < w[3]; c++) {
