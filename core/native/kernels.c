@@ -1503,26 +1503,31 @@ static int64_t surface_cell(double x) {
     return x < 0.0 ? -steps : steps;
 }
 
-static Cell *cell_of(const Grid *g, const Tool *t, const Rim *r, const int64_t at[3]) {
-    const int64_t row = surface_cell((double)(g->shape[2] - 1) - t->centre[2]) - surface_cell(-t->centre[2]) + 1;
-    return r->cells + (surface_cell((double)at[1] - t->centre[1]) - surface_cell(-t->centre[1])) * row +
-           surface_cell((double)at[2] - t->centre[2]) - surface_cell(-t->centre[2]);
+static int64_t first_cell(const Tool *t, int a) { return surface_cell(-t->centre[a]); }
+
+// Difference of the densities on both sides of a voxel, along each axis.
+static void add_inward(const Grid *g, const int64_t at[3], double inward[3]) {
+    const int64_t *n = g->shape, stride[3] = {n[1] * n[2], n[2], 1};
+    const float *d = g->density + at[0] * stride[0] + at[1] * stride[1] + at[2];
+    for (int a = 0; a < 3; a++) {
+        const float up = at[a] + 1 < n[a] ? d[stride[a]] : 0.0f, down = at[a] > 0 ? d[-stride[a]] : 0.0f;
+        inward[a] += (double)up - (double)down;
+    }
 }
 
 // Of the listed voxels from `first` on, all in one layer of cells, keep those whose cell is joined to the sources.
 static void keep_joined(const Grid *g, const Tool *t, Rim *r, const double to[3], int64_t first) {
+    const int64_t columns = surface_cell((double)(g->shape[2] - 1) - t->centre[2]) - first_cell(t, 2) + 1;
+    const int64_t origin = first_cell(t, 1) * columns + first_cell(t, 2);
     int64_t kept = first, at[3];
     for (int64_t q = first; q < r->count; q++) {
         take_apart(r->index[q], at);
-        Cell *cell = cell_of(g, t, r, at);
+        r->spill_index[q] =
+            surface_cell((double)at[1] - t->centre[1]) * columns + surface_cell((double)at[2] - t->centre[2]) - origin;
+        Cell *cell = r->cells + r->spill_index[q];
         cell->count++;
-        for (int a = 0; a < 3; a++) {
-            const int64_t *up = neighbours[2 * a], *down = neighbours[2 * a + 1];
-            cell->at[a] += (double)at[a];
-            cell->inward[a] += (double)density_at(g, at[0] + up[0], at[1] + up[1], at[2] + up[2]) -
-                               (double)density_at(g, at[0] + down[0], at[1] + down[1], at[2] + down[2]);
-        }
-        r->spill_index[q] = cell - r->cells;
+        for (int a = 0; a < 3; a++) cell->at[a] += (double)at[a];
+        add_inward(g, at, cell->inward);
     }
     for (int64_t q = first; q < r->count; q++) {
         Cell *cell = r->cells + r->spill_index[q];
