@@ -103,8 +103,8 @@ def packing(young_modulus: float, yield_stress: float, hardening: float = 0.0, f
 
     On trial against such elements (tests/bench/truths) with tools of 32 to 64 voxels, E/Y of 50 to 500 and H of 0 to
     E/10: at depths of .15 to .3 R the rim is within .063 of the depth of theirs, before that within .112, which is a
-    fifth of a voxel; where it is highest is within .05 R, or .11 R on the flat rim of what hardens. What they have and a
-    push has not is the surface that sinks in around the contact, by up to a quarter of the depth where no rim stands.
+    fifth of a voxel; where it is highest is within .05 R, or .11 R on the flat rim of what hardens. What they have and
+    a push has not is the surface that sinks in around the contact, by about a quarter of the depth where no rim stands.
 
     Raises
     ------

@@ -172,7 +172,9 @@ def draw(
     """The free surface by the elements (wide grey) and by the push with each tool, height over depth."""
     columns = 3 if len(names) <= 6 else 6
     lines = -(-len(names) // columns)
-    figure, axes = plt.subplots(lines, columns, figsize=(2.5 * columns, 1.7 * lines), sharex=True, sharey=True)
+    figure, axes = plt.subplots(
+        lines, columns, figsize=(2.5 * columns, 1.7 * lines), sharex=True, sharey=True, layout="constrained"
+    )
     shades = plt.get_cmap("viridis")(np.linspace(0.0, 0.75, len(RADII)))
     for name, panel in zip(names, axes.flat):
         truth = load(name)
@@ -181,15 +183,14 @@ def draw(
             panel.plot(truth.profile_r, truth.profile_z[m] / depth, color="0.75", linewidth=4.0)
             for tool, shade in zip(RADII, shades):
                 raised = surfaces[name, tool]
-                panel.plot(raised.r, raised.z[m] / depth, color=shade, linewidth=0.9, label=f"tool of {tool} voxels")
+                panel.plot(raised.r, raised.z[m] / depth, color=shade, linewidth=0.9, label=f"R = {tool} voxels")
         panel.set_title(name, fontsize=8)
         panel.axhline(0.0, color="0.5", linewidth=0.5)
         panel.set(xlim=(0.0, 2.2), ylim=(-0.6, 0.6))
         panel.tick_params(labelsize=7)
     axes.flat[0].legend(*(one[: len(RADII)] for one in axes.flat[0].get_legend_handles_labels()), fontsize=6, loc=4)
     figure.supxlabel("r / R", fontsize=8)
-    figure.supylabel(f"height / depth, at {' and '.join(f'{depth:g}' for depth in depths)} R", fontsize=8)
-    figure.tight_layout(pad=0.4)
+    figure.supylabel(f"height / depth, {' and '.join(f'{depth:g}' for depth in depths)} R deep", fontsize=8)
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_suffix(f".{os.getpid()}.part")
     figure.savefig(beside, dpi=100, format="png")
@@ -220,7 +221,7 @@ def main() -> None:
         )
     for tool in RADII:
         height, place = worst(rows, tool)
-        print(f"tool of {tool} voxels: height within {height:.3f} of the depth, place within {place:.3f} R")
+        print(f"R = {tool} voxels: height within {height:.3f} of the depth, place within {place:.3f} R")
 
 
 if __name__ == "__main__":
