@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 from .native.state import Probe
-from .plasticity import contact_normal, estimate, stresses
+from .plasticity import contact_normal, estimate, stress_gradient, stresses
 from .push import Push
 from .symmetry import SymmetricPush
 from .tool import Tool, Vector
@@ -21,8 +21,8 @@ class LocalModel:
 
     ``position`` is in voxels, in the frame of the push's poses; ``stress`` (sigma) and ``yield_stress`` (sigma_f) are
     in newtons, ``gradient`` is that of sigma in newtons per voxel, ``normal`` points out of the material and fades
-    where the surroundings are uniform. So the voxels were at ``time`` (perf_counter, seconds), in this ``epoch`` of the
-    push.
+    where the surroundings are uniform. ``exponent`` is that of the power of M_t as which sigma grows here.
+    So the voxels were at ``time`` (perf_counter, seconds), in this ``epoch`` of the push.
     """
 
     epoch: int
@@ -32,6 +32,7 @@ class LocalModel:
     yield_stress: float
     gradient: Vector
     normal: Vector
+    exponent: float = 1.0
 
 
 class Feeler:
@@ -63,11 +64,11 @@ class Feeler:
         if self._push.epoch != epoch:
             return None
         self._asked = (epoch, position, tool)
-        masses = self._probe.estimate
-        x, y, z = masses.gradient
-        stress, yield_stress = stresses(masses, self._k_t, self._k_s, self._push.verb == "push")
-        slope = (self._k_t * x, self._k_t * y, self._k_t * z)
-        self._model = LocalModel(epoch, time, position, stress, yield_stress, slope, contact_normal((x, y, z)))
+        masses, material = self._probe.estimate, self._push.material
+        stress, yield_stress = stresses(masses, material, self._k_t, self._k_s, self._push.verb == "push")
+        slope, exponent = stress_gradient(masses, material, self._k_t)
+        normal = contact_normal(tuple(masses.gradient))
+        self._model = LocalModel(epoch, time, position, stress, yield_stress, slope, normal, exponent)
         return self._model
 
     def _estimate(self, position: Vector, tool: Tool) -> None:

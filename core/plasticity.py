@@ -10,6 +10,7 @@ from math import hypot
 
 import numpy as np
 
+from .material import Material
 from .native.state import Probe
 from .native.structures import Estimate
 from .tool import Shape, Vector
@@ -32,15 +33,26 @@ class Regime(Enum):
     UNLOADING = "unloading"
 
 
-def stresses(masses: Estimate, k_t: float, k_s: float, yields: bool) -> tuple[float, float]:
-    """sigma and sigma_f in newtons (paper equations 4 and 5). Material that does not yield, because it is pulled or
-    smoothed and moves as it is told, holds what it bears."""
-    stress, yield_stress = k_t * masses.tool_mass, k_s * masses.reach_mass
+def stresses(masses: Estimate, material: Material, k_t: float, k_s: float, yields: bool) -> tuple[float, float]:
+    """sigma and sigma_f in newtons (paper equations 4 and 5, to the material's exponent). Material that does not yield,
+    because it is pulled or smoothed and moves as it is told, holds what it bears."""
+    stress, _ = material.felt(k_t * masses.tool_mass)
+    yield_stress, _ = material.felt(k_s * masses.reach_mass)
     return stress, yield_stress if yields else max(stress, yield_stress)
 
 
+def stress_gradient(masses: Estimate, material: Material, k_t: float) -> tuple[Vector, float]:
+    """grad sigma = d sigma / d M_t grad M_t in newtons per voxel of the tool's way, and d ln sigma / d ln M_t: the
+    material's exponent, and 1 where nothing is touched yet."""
+    paper, (x, y, z) = k_t * masses.tool_mass, masses.gradient
+    stress, rate = material.felt(paper)
+    return (k_t * rate * x, k_t * rate * y, k_t * rate * z), rate * paper / stress if stress > 0.0 else 1.0
+
+
 def overloaded(stress: float, yield_stress: float) -> bool:
-    """sigma > sigma_f: density has to move until they are equal (paper 7)."""
+    """sigma > sigma_f: density has to move until they are equal (paper 7).
+
+    Both of the paper's law, or M_t and kappa M_s: so which voxels change does not depend on the exponent."""
     return stress > yield_stress * (1.0 + RELAXED)
 
 

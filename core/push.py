@@ -52,7 +52,8 @@ class Contact:
 
     ``stress`` is sigma after dispersion and ``yield_stress`` sigma_f, newtons; ``force`` (3,) newtons on the hand, with
     |force| = min(stress, yield_stress); ``residual`` the newtons by which the stress still exceeds the yield stress;
-    ``dirty`` a half-open box around all voxels that changed, in the frame of the poses, or None.
+    ``dirty`` a half-open box around all voxels that changed, in the frame of the poses, or None; ``tool_mass`` is M_t
+    after dispersion.
     """
 
     regime: Regime
@@ -65,6 +66,7 @@ class Contact:
     sweeps: int = 0
     residual: float = 0.0
     dirty: Box | None = None
+    tool_mass: float = 0.0
 
 
 class Push:
@@ -300,7 +302,8 @@ class Push:
         """One step: estimate, disperse what overloads the material, and say what is felt."""
         work, former = self._work, self._contact
         if position == self._solved:  # at rest nothing creeps
-            return Contact(former.regime, former.stress, former.yield_stress, former.force, residual=former.residual)
+            rests = (former.regime, former.stress, former.yield_stress, former.force)
+            return Contact(*rests, residual=former.residual, tool_mass=former.tool_mass)
         work.tool.centre[:] = [p - o for p, o in zip(position, self.origin, strict=True)]
         travel = dist(position, self._position) if self._position is not None else 0.0
         if self._position is not None and travel > 0.0:
@@ -314,7 +317,7 @@ class Push:
         normal = contact_normal((masses.gradient[0], masses.gradient[1], masses.gradient[2]))
         if self.verb == "smooth":
             moved = self._smooth(travel)
-        elif self.verb == "pull" or overloaded(stress, yield_stress):
+        elif self.verb == "pull" or overloaded(masses.tool_mass, self.material.yield_ratio * masses.reach_mass):
             moved = self._move_density(position, self._turned_at, normal)
         else:
             moved = None
@@ -335,12 +338,13 @@ class Push:
             moved.sweeps,
             residual,
             moved.dirty,
+            masses.tool_mass,
         )
         return self._contact
 
     def _stresses(self) -> tuple[float, float]:
         """sigma and sigma_f in newtons."""
-        return stresses(self._work.estimate, self.k_t, self.k_s, self.verb == "push")
+        return stresses(self._work.estimate, self.material, self.k_t, self.k_s, self.verb == "push")
 
     def _move_density(self, position: Vector, turned_at: Vector, normal: Vector) -> _Moved | None:
         """Disperse or draw out what is too much in the tool, if it is known whither."""
@@ -563,6 +567,7 @@ class Push:
             sum(part.sweeps for part in parts),
             last.residual,
             dirty,
+            last.tool_mass,
         )
 
 

@@ -5,6 +5,11 @@ A slope that is too steep to be rendered softens the whole force, not only its c
 only the change less steep, the force would be too small on the way in and put right by the next model at the deepest
 point, before the way out: that gives energy to the hand. In simulation (45 g arm, soft grip, a new model each
 millisecond) a wall of 1500 N/m felt so with a cap of 800 N/m shakes the hand by 0.8 mm; softened, it is at rest.
+
+A stress that grows as a power m < 1 of the depth has risen by sigma / depth = |gradient| / m on average, and that is
+asked for: softened by the tangent's slope, the force of one model after the other would rise by 1 / m times what was
+granted. In the same simulation sigma = 3.3 N (depth / 22 mm)^(1/2) then shakes the hand by 0.2 mm; as it is, by 0.001.
+Of the tangent and the softened secant the lesser is felt: a force of position alone, and less as the model ages.
 """
 
 from __future__ import annotations
@@ -23,6 +28,9 @@ REST_SPEED = 0.005
 """Metres per second up to which an arm is at rest and has no direction: one encoder step of 0.055 mm (an Omni's, the
 coarsest here) in the loop's 15 ms is 0.004."""
 
+LEAST_EXPONENT = 0.1
+"""A model's exponent counts as this at least: it is divided by."""
+
 TANGENT = 7.0
 """How many times the stiffness that is stable where a force is held for a while is stable where its tangent is followed
 meanwhile: what still limits it is a surface that was come through before there was a model of it. Measured in
@@ -31,7 +39,8 @@ simulation with a soft grip (0.1 kg, 1.5 N s/m, 200 N/m): at rest up to 7, shaki
 
 class Felt(NamedTuple):
     """A ``force`` (3,) N on the hand, its ``magnitude`` N before it fades with the normal, and the slopes N/m that the
-    material ``asked`` for and the loop ``granted``: none where it interpolates. With a ``fault`` there is no force."""
+    material ``asked`` for (the tangent's, or the secant's where that is steeper) and the loop ``granted``: none where
+    it interpolates. With a ``fault`` there is no force."""
 
     force: Triple = (0.0, 0.0, 0.0)
     asked: float = 0.0
@@ -70,15 +79,19 @@ def felt_force(
     asked = hypot(gx, gy, gz)
     rise = gx * (x - mx) + gy * (y - my) + gz * (z - mz)
     stress, yield_stress, age = model.stress, model.yield_stress, now - model.time
-    if not isfinite(asked + rise + nx + ny + nz + vx + vy + vz + stress + yield_stress + model.damping + age):
+    numbers = asked + rise + nx + ny + nz + vx + vy + vz + stress + yield_stress + model.damping + model.exponent + age
+    if not isfinite(numbers):
         return NO_NUMBER
-    granted, softness = 0.0, 1.0
+    granted, softness, tangent = 0.0, 1.0, stress
     if coupling is Coupling.INTERPOLATE:
-        stress = _interpolated(model, previous, now)
+        stress = tangent = _interpolated(model, previous, now)
     elif asked > 0.0:
+        exponent = min(max(model.exponent, LEAST_EXPONENT), 1.0)
+        asked /= exponent
         granted = granted_slope(asked, age, limits)
-        stress, softness = stress + rise, granted / asked
-    magnitude = min(stress, yield_stress) * softness
+        softness = granted / asked
+        tangent, stress = stress + rise, stress + rise / exponent
+    magnitude = min(tangent, min(stress, yield_stress) * softness)
     if not magnitude > 0.0:
         return Felt(asked=asked, granted=granted)
     if model.damping > 0.0:
@@ -89,8 +102,8 @@ def felt_force(
         nx, ny, nz, length = nx / length, ny / length, nz / length, 1.0
     normal = nx, ny, nz
     speed = hypot(vx, vy, vz)
-    if speed > REST_SPEED and stress > PLASTIC_FROM * yield_stress and magnitude > 0.0:
-        flowing = min((stress / yield_stress - PLASTIC_FROM) / (1.0 - PLASTIC_FROM), 1.0)
+    if speed > REST_SPEED and tangent > PLASTIC_FROM * yield_stress and magnitude > 0.0:
+        flowing = min((tangent / yield_stress - PLASTIC_FROM) / (1.0 - PLASTIC_FROM), 1.0)
         share = min(flowing * limits.max_damping * (speed - REST_SPEED) / magnitude, 1.0)
         normal = _leaning(normal, length, (-vx / speed, -vy / speed, -vz / speed), share)
     nx, ny, nz = normal

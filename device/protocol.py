@@ -42,7 +42,7 @@ from typing import Generic, NamedTuple, TypeVar
 from .safety import Fault, State
 
 MAGIC = b"REPOUSSE"
-VERSION = 1
+VERSION = 2
 TRIES = 20
 """How often a reader tries to see a record whole."""
 HEADER = struct.Struct("=8sIIQ")
@@ -75,7 +75,8 @@ class ForceModel(NamedTuple):
     ``time`` (perf_counter, seconds) when the voxels were so. ``position`` is in metres in the device's frame,
     ``stress`` and ``yield_stress`` in N, ``gradient`` in N/m, ``normal`` points out of the material and is at most 1
     long, ``damping`` along it in N s/m. ``scene`` rises when the grid, the tool, the material or the frame was changed
-    by anything but the stroke itself; 0: nothing is there to be felt.
+    by anything but the stroke itself; 0: nothing is there to be felt. ``exponent``: where it is under 1, the stress has
+    grown as this power up to here, and so by gradient / exponent on average.
     """
 
     time: float = 0.0
@@ -86,6 +87,7 @@ class ForceModel(NamedTuple):
     normal: Triple = _ZERO
     scene: int = 0
     damping: float = 0.0
+    exponent: float = 1.0
 
 
 class Request(NamedTuple):

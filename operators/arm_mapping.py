@@ -146,6 +146,7 @@ class ArmMapping:
             gradient=gradient,
             normal=(normal[0] * share, normal[1] * share, normal[2] * share),
             scene=scene,
+            exponent=model.exponent,
         )
 
 

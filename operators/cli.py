@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core import PRESETS, DensityGrid, SphereTool, Stroke
+from ..core import PRESETS, DensityGrid, Material, SphereTool, Stroke
 from ..core.formats import MAX_VOXELS, describe, read_volume, write_volume
+from ..core.material import EXPONENTS
 from ..core.native.state import BORDERS
 from ..core.push import METHODS
 from .outputs import Outputs
@@ -139,14 +140,11 @@ def strokes_from(options: argparse.Namespace) -> list[Stroke]:
     header = {
         name: getattr(options, name) for name in ("method", "border", "rim") if getattr(options, name) is not None
     }
-    preset = PRESETS.get(options.material)
-    if options.material:
-        header["material"] = preset.material
     if not options.stroke:
         if options.start is None or options.end is None or options.radius is None:
             raise ValueError("give --stroke FILE, or a line by --from, --to and --radius")
         tool = SphereTool(options.radius, options.reach)
-        header |= _band_of(options, tool.radius)
+        header |= {"material": _material_of(options, Material())} | _band_of(options, tool.radius)
         step = DEFAULT_STEP if options.step is None else options.step
         return [Stroke.line(options.start, options.end, step, tool=tool, **header)]
     for name in LINE_OPTIONS:
@@ -157,9 +155,15 @@ def strokes_from(options: argparse.Namespace) -> list[Stroke]:
         stroke = Stroke.load(path)
         if not stroke.samples:
             raise ValueError(f"{path}: the stroke has no poses")
-        stroke = replace(stroke, **header, **_band_of(options, stroke.tool.radius))
+        material = _material_of(options, stroke.material)
+        stroke = replace(stroke, material=material, **header, **_band_of(options, stroke.tool.radius))
         strokes.append(stroke if options.step is None else stroke.resample(options.step))
     return strokes
+
+
+def _material_of(options: argparse.Namespace, given: Material) -> Material:
+    material = PRESETS[options.material].material if options.material else given
+    return material if options.exponent is None else replace(material, exponent=options.exponent)
 
 
 def _band_of(options: argparse.Namespace, radius: float) -> dict[str, float | None]:
@@ -206,6 +210,13 @@ def _parser() -> argparse.ArgumentParser:
     feels = "; ".join(f"{name}: {preset.feel}" for name, preset in PRESETS.items())
     made.add_argument(
         "--material", choices=PRESETS, metavar="NAME", help=f"{feels}. Sets --band, and a block's density"
+    )
+    low, high = EXPONENTS
+    made.add_argument(
+        "--exponent",
+        type=_number,
+        metavar="M",
+        help=f"force grows as the material in the tool to this power, {low:g} to {high:g} (1, the paper's)",
     )
     made.add_argument("--method", choices=METHODS, help="sweep, or the paper's recursion for small volumes")
     made.add_argument("--border", choices=BORDERS, help="what happens where density would leave the volume (grow)")

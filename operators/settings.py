@@ -8,6 +8,7 @@ from math import isclose
 import bpy
 
 from ..core import PRESETS, Material
+from ..core.material import EXPONENTS
 from ..core.native.state import BORDERS
 from ..core.push import METHODS
 from .volumes import MATERIAL_ITEMS
@@ -30,6 +31,7 @@ _BORDER_ITEMS = [(name, name.capitalize(), _BORDER_WORDS[name]) for name in BORD
 def _take_preset(self: RepousseSettings, _context: bpy.types.Context) -> None:
     preset = PRESETS[self.material]
     self.full_force, self.yield_ratio = preset.material.full_force, preset.material.yield_ratio
+    self.force_exponent = preset.material.exponent
     self.density = preset.density
     self.use_band = preset.band is not None
     if preset.band is not None:
@@ -63,6 +65,16 @@ class RepousseSettings(bpy.types.PropertyGroup):
         max=1.0,
         precision=3,
         step=1,
+    )
+    force_exponent: bpy.props.FloatProperty(
+        name="Force Exponent",
+        description="Power, from 0.5 to 1.5, of what the tool holds that its force grows with: 1 is the paper's, 0.75 "
+        "elastic contact's, 0.5 fully plastic contact's, firm from the first touch. No voxel depends on it",
+        default=_DEFAULT.material.exponent,
+        min=EXPONENTS[0],
+        max=EXPONENTS[1],
+        precision=2,
+        step=5,
     )
     density: bpy.props.FloatProperty(
         name="Density",
@@ -176,12 +188,13 @@ class RepousseSettings(bpy.types.PropertyGroup):
     @property
     def clay(self) -> Material:
         """The forces as the core has them."""
-        return Material(self.full_force, self.yield_ratio)
+        return Material(self.full_force, self.yield_ratio, self.force_exponent)
 
     def is_preset(self) -> bool:
         """Whether the numbers are still those of the chosen material."""
-        preset = PRESETS[self.material]
-        asked, given = (preset.material.full_force, preset.material.yield_ratio), (self.full_force, self.yield_ratio)
+        preset, now = PRESETS[self.material], self.clay
+        asked = (preset.material.full_force, preset.material.yield_ratio, preset.material.exponent)
+        given = (now.full_force, now.yield_ratio, now.exponent)
         same_band = self.use_band == (preset.band is not None) and (
             not self.use_band or isclose(self.band, preset.band, rel_tol=1e-6)
         )

@@ -66,7 +66,7 @@ def under(push: Push) -> Give | None:
         return None
     inward, radius = -contact.force / force, push.tool.radius
     tip = np.array(position) + radius * inward - push.origin
-    volume = contact.stress / push.k_t / _ahead(push.grid.density, tip, inward, radius)
+    volume = contact.tool_mass / _ahead(push.grid.density, tip, inward, radius)
     depth = cap_height(volume, radius)
     return Give(vector(tip), vector(depth * inward), radius) if depth >= LEAST else None
 

@@ -37,6 +37,7 @@ class REPOUSSE_PT_material(InSidebar, bpy.types.Panel):
         numbers = layout.column(align=True)
         numbers.prop(settings, "full_force", text="Full Force (N)")
         numbers.prop(settings, "yield_ratio")
+        numbers.prop(settings, "force_exponent")
         if settings.yield_ratio >= yielding_below():
             text = bpy.app.translations.pgettext_iface("Only yields for certain below {:.2f}")
             layout.label(text=text.format(yielding_below()), icon="ERROR", translate=False)

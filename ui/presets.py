@@ -23,7 +23,8 @@ class REPOUSSE_OT_add_material_preset(AddPresetBase, bpy.types.Operator):
     preset_defines = ("settings = bpy.context.scene.repousse",)
     # The material comes first: choosing it sets the others.
     preset_values = tuple(
-        f"settings.{name}" for name in ("material", "full_force", "yield_ratio", "density", "use_band", "band")
+        f"settings.{name}"
+        for name in ("material", "full_force", "yield_ratio", "force_exponent", "density", "use_band", "band")
     )
 
 

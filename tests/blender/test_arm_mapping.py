@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Between the arm and voxels: where places come to lie, and that force and work are the same on both sides."""
 
+from dataclasses import replace
 from math import hypot
 
 import numpy as np
@@ -88,6 +89,7 @@ def test_the_stress_anywhere_near_is_the_same_on_both_sides(mirrored):
     mapping, model = similar(mirrored=mirrored), felt()
     told = mapping.force_model(model, 7)
     assert (told.stress, told.yield_stress, told.time, told.scene) == (0.8, 1.1, 17.5, 7)
+    assert told.exponent == 1.0 and mapping.force_model(replace(model, exponent=0.6), 7).exponent == 0.6
     for place in np.random.default_rng(6).uniform(-0.01, 0.01, (50, 3)) + told.position:
         inside = np.dot(model.gradient, np.subtract(mapping.position(tuple(place)), model.position))
         outside = np.dot(told.gradient, np.subtract(place, told.position))

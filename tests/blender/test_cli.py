@@ -6,13 +6,14 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 
-from repousse.core import DensityGrid, Material, Push, Sample, SphereTool, Stroke
+from repousse.core import PRESETS, DensityGrid, Material, Push, Sample, SphereTool, Stroke
 from repousse.core.formats import read_volume, write_volume
 from repousse.operators import cli
 
@@ -82,6 +83,50 @@ def test_push_does_what_core_does_to_the_bit(tmp_path, capfd, clay):
     assert [float(last[axis]) for axis in "xyz"] == [16, 16, 28]
     felt = math.hypot(*(float(last[axis]) for axis in ("fx", "fy", "fz")))
     assert felt == pytest.approx(min(float(last["stress"]), float(last["yield_stress"])), rel=1e-6)
+
+
+def test_the_exponent_changes_what_is_felt_and_no_voxel(tmp_path, capfd, clay):
+    """Of a line, with a material and without, and of a recorded stroke, whose own it takes the place of."""
+    grid, contacts = clay
+    Stroke.line((16, 16, 38), (16, 16, 28), tool=SphereTool(5.0), material=Material(exponent=0.75)).save(
+        tmp_path / "s.jsonl"
+    )
+    as_before = [contact.stress for contact in contacts]
+
+    def pushed(*words):
+        out, report, trace = tmp_path / "o.vdb", tmp_path / "o.json", tmp_path / "o.csv"
+        words = ("push", "block:32", *words, "--out", out, "--report", report, "--trace", trace)
+        assert run(capfd, *words)[0] == 0
+        rows = list(csv.DictReader(trace.read_text().splitlines()))
+        stress = [float(row["stress"]) for row in rows]
+        assert json.loads(report.read_text())["peak_stress"] == max(stress)
+        for row in rows:
+            felt = math.hypot(*(float(row[axis]) for axis in ("fx", "fy", "fz")))
+            assert felt == pytest.approx(min(float(row["stress"]), float(row["yield_stress"])), rel=1e-6, abs=1e-12)
+        return read_volume(out).density.tobytes(), stress
+
+    assert pushed(*LINE, "--exponent", 1) == (grid.density.tobytes(), as_before)
+    stroke = ["--stroke", tmp_path / "s.jsonl"]
+    for m, words in (
+        (0.5, [*LINE, "--exponent", 0.5]),
+        (0.75, stroke),
+        (0.5, [*stroke, "--exponent", 0.5]),
+        (1.5, [*stroke, "--exponent", 1.5]),
+    ):
+        voxels, stress = pushed(*words)
+        assert voxels == grid.density.tobytes()
+        assert stress == [Material(exponent=m).felt(newtons)[0] for newtons in as_before]
+    _, foam = pushed(*LINE, "--material", "foam")
+    _, firmer = pushed(*LINE, "--material", "foam", "--exponent", 0.5)
+    law = replace(PRESETS["foam"].material, exponent=0.5)
+    assert firmer == [law.felt(newtons)[0] for newtons in foam] != foam
+
+
+@pytest.mark.parametrize("exponent", ["0.4", "2", "-1", "nan", "firm"])
+def test_an_exponent_out_of_range_is_refused_in_one_line(tmp_path, capfd, exponent):
+    code, said, noted = run(capfd, "push", "block:32", *LINE, "--exponent", exponent, "--out", tmp_path / "o.vdb")
+    assert (code, said, len(noted)) == (2, [], 1) and "exponent" in noted[0]
+    assert not list(tmp_path.iterdir())
 
 
 def test_several_strokes_count_from_the_volume_that_was_given(tmp_path, capfd, clay):

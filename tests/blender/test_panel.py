@@ -100,6 +100,11 @@ def test_the_material_is_told_as_changed_and_as_too_strong_to_yield():
     settings.yield_ratio = 0.3
     changed = draw(bpy.types.REPOUSSE_PT_material).texts
     assert set(changed) - set(calm) == {"Changed from what was chosen"}
+    settings.material = "clay"
+    settings.force_exponent = 0.75
+    paper = draw(bpy.types.REPOUSSE_PT_material)
+    assert set(paper.texts) - set(calm) == {"Changed from what was chosen"}
+    assert "force_exponent" in [call.given["property"] for call in paper.calls if call.name == "prop"]
     bound = largest_yield_ratio(SphereTool(12.0))
     settings.yield_ratio = bound * 0.97
     assert not any("yields for certain" in text for text in draw(bpy.types.REPOUSSE_PT_material).texts)

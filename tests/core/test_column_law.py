@@ -43,22 +43,22 @@ def walked(_kernels, case):
 class Column:
     """One push and its retreat: depths, stresses over k_t A (the mass in the tool per unit area), and what is left."""
 
-    def __init__(self, kappa, density, reach):
+    def __init__(self, kappa, density, reach, half=HALF, exponent=1.0):
         self.law = law = ColumnLaw(1.0, kappa, density, reach)
-        self.density, self.yields, self.plateau_begins = density, law.yield_depth, law.plateau_begins
+        self.kappa, self.density, self.reach = kappa, density, reach
+        self.yields, self.plateau_begins = law.yield_depth, law.plateau_begins
         self.depth = np.ceil(1.6 * law.plateau_begins + 6)
         compacted = law.compacted_length(self.depth)
         values = np.zeros((FIRST + int(self.depth + compacted) + reach + 8, ACROSS, ACROSS), np.float32)
         values[FIRST:] = density
         self.grid = DensityGrid(values)
-        push = Push(
-            self.grid, BoxTool((HALF, HALF + ACROSS, HALF + ACROSS), reach), Material(3.3, kappa), border="wall"
-        )
+        punch = BoxTool((half, half + ACROSS, half + ACROSS), reach)
+        push = Push(self.grid, punch, Material(3.3, kappa, exponent), border="wall")
         self.deltas = np.arange(0, int(self.depth / STEP) + 1) * STEP
         middle = (ACROSS - 1) / 2
-        area = push.k_t * ACROSS * ACROSS
-        # The front face stands at the tool's centre + HALF, and the material's at FIRST - 1/2.
-        surface = FIRST - 0.5 - HALF
+        self.area = area = push.k_t * ACROSS * ACROSS
+        # The front face stands at the tool's centre + half, and the material's at FIRST - 1/2.
+        surface = FIRST - 0.5 - half
         way_in = [push.move_to((surface + delta, middle, middle)) for delta in self.deltas]
         self.regimes = [contact.regime for contact in way_in]
         self.held = np.array([contact.stress for contact in way_in]) / area
@@ -102,7 +102,7 @@ def test_plastic_slope(column):
 
 def test_plateau(column):
     slope, _ = column.slope(column.plateau_begins + 2.0, column.depth)
-    assert abs(slope) < 0.01 * column.density * column.law.kappa
+    assert abs(slope) < 0.01 * column.density * column.kappa
     for held in column.held[column.deltas > column.plateau_begins + 2.0]:
         close(held, column.law.plateau)
 

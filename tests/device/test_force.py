@@ -29,14 +29,15 @@ slopes = st.tuples(*[st.floats(-3000.0, 3000.0)] * 3)
 velocities = st.tuples(*[st.floats(-1.5, 1.5)] * 3)
 ages = st.floats(0.0, 0.2)
 models = st.builds(
-    lambda stress, share, gradient, fading, damping: ForceModel(
-        NOW, ZERO, stress, stress * share, gradient, outward(gradient, fading), 1, damping
+    lambda stress, share, gradient, fading, damping, exponent: ForceModel(
+        NOW, ZERO, stress, stress * share, gradient, outward(gradient, fading), 1, damping, exponent
     ),
     st.floats(0.0, 5.0),
     st.floats(0.0, 2.0),
     slopes,
     st.floats(0.0, 1.0),
     st.one_of(st.just(0.0), st.floats(0.0, 20.0)),
+    st.one_of(st.just(1.0), st.floats(0.5, 1.5)),
 )
 
 
@@ -201,10 +202,11 @@ def test_a_stall_in_which_arm_and_material_went_on_adds_what_a_period_may(
     st.floats(0.1, 2.0),
     st.floats(100.0, 3000.0),
     st.lists(st.tuples(st.floats(-0.004, 0.004), st.floats(0.0, 0.02)), min_size=1, max_size=6),
+    st.sampled_from([1.0, 0.5, 0.75, 1.5]),
 )
-def test_an_ageing_model_never_gives_energy_to_the_hand(stress, share, slope, turns):
+def test_an_ageing_model_never_gives_energy_to_the_hand(stress, share, slope, turns, exponent):
     """Along any path from outside the material and back there, at any pace: the work on the hand is not positive."""
-    model = ForceModel(NOW, ZERO, stress, stress * share, (0.0, 0.0, -slope), UP, 1)
+    model = ForceModel(NOW, ZERO, stress, stress * share, (0.0, 0.0, -slope), UP, 1, exponent=exponent)
     outside = stress / slope
     legs = pairwise([(outside, 0.0), *turns, (outside, 0.001)])
     work = error = began = 0.0
@@ -215,7 +217,7 @@ def test_an_ageing_model_never_gives_energy_to_the_hand(stress, share, slope, tu
             middle = (n + 0.5) / steps
             work += step * feel(model, (0.0, 0.0, start + (end - start) * middle), age=began + time * middle).force[2]
         began += time
-        error += slope * step * step
+        error += slope / min(exponent, 1.0) * step * step
     assert work <= error + 1e-12
 
 
@@ -244,7 +246,43 @@ def test_the_older_the_model_the_softer_what_is_granted():
     assert granted_slope(800.0, 0.01, replace(LIMITS, period=0.01)) == pytest.approx(702, abs=1)
 
 
-def shaking(stiffness, model_period, latency, coupling, limits=LIMITS):
+def powered(depth, stiffness, exponent):
+    """Stress (N) and slope (N/m) of 3.3 N (stiffness depth / 3.3 N)^exponent: of a wall where that is 1."""
+    if depth <= 0.0:
+        return 0.0, 0.0
+    stress = 3.3 * (stiffness * depth / 3.3) ** exponent
+    return stress, exponent * stress / depth
+
+
+@pytest.mark.parametrize("exponent", [0.5, 0.75, 1.0])
+@pytest.mark.parametrize("depth", [1e-4, 4e-4, 1e-3])
+def test_softened_a_power_is_a_wall_of_the_slope_granted_wherever_its_model_was_made(exponent, depth):
+    stress, slope = powered(depth, 1500.0, exponent)
+    model = ForceModel(NOW, (0.0, 0.0, -depth), stress, 1e3, (0.0, 0.0, -slope), UP, 1, exponent=exponent)
+    here = feel(model)
+    assert here.asked == pytest.approx(stress / depth) and here.granted == 800.0
+    for there in (0.2 * depth, depth, 1.05 * depth):
+        assert feel(model, (0.0, 0.0, -there)).magnitude == pytest.approx(800.0 * there)
+
+
+def test_where_it_is_not_softened_a_power_is_its_tangent_on_the_way_in_and_less_on_the_way_out():
+    stress, slope = powered(0.004, 100.0, 0.5)
+    model = ForceModel(NOW, (0.0, 0.0, -0.004), stress, 1e3, (0.0, 0.0, -slope), UP, 1, exponent=0.5)
+    here, deeper, out = (feel(model, (0.0, 0.0, -depth)) for depth in (0.004, 0.005, 0.003))
+    assert here.asked == here.granted == pytest.approx(2.0 * slope) and here.magnitude == pytest.approx(stress)
+    assert deeper.magnitude == pytest.approx(stress + slope * 0.001)
+    assert out.magnitude == pytest.approx(stress - 2.0 * slope * 0.001)
+    assert out.magnitude < powered(0.003, 100.0, 0.5)[0]
+
+
+@pytest.mark.parametrize("exponent", [-1e300, -1.0, 0.0, 1e-300, 2.0, 1e300])
+def test_an_exponent_that_is_none_makes_no_force_greater(exponent):
+    for depth in (-0.001, 0.0, 0.001):
+        told = feel(MODEL._replace(exponent=exponent), below(depth))
+        assert told.fault is Fault.NONE and 0.0 <= told.magnitude <= feel(position=below(depth)).magnitude
+
+
+def shaking(stiffness, model_period, latency, coupling, limits=LIMITS, exponent=1.0):
     """How far (m, peak to peak) the hand still moves after 2.5 s of pressing 2 N against a wall.
 
     45 g of arm and a hand with a soft grip (0.1 kg, 1.5 N s/m, 200 N/m), no friction, no encoder steps; a model each
@@ -258,9 +296,8 @@ def shaking(stiffness, model_period, latency, coupling, limits=LIMITS):
     for tick in range(3000):
         now = tick * 1e-3
         if tick % model_period == 0:
-            touched = z < 0.0
-            gradient = (0.0, 0.0, -stiffness if touched else 0.0)
-            made = ForceModel(now, (0.0, 0.0, z), -stiffness * z if touched else 0.0, 1e3, gradient, UP, 1)
+            stress, slope = powered(-z, stiffness, exponent)
+            made = ForceModel(now, (0.0, 0.0, z), stress, 1e3, (0.0, 0.0, -slope), UP, 1, exponent=exponent)
             under_way.append((tick + latency, made))
         while under_way and under_way[0][0] <= tick:
             previous, model = model, under_way.pop(0)[1]
@@ -281,6 +318,13 @@ ENCODER_STEP = 23e-6
 def test_a_hand_that_presses_a_wall_comes_to_rest(stiffness, model_period, latency):
     """However stiff the wall, and with models up to 20 ms old: less than an encoder step of movement is left."""
     assert shaking(stiffness, model_period, latency, Coupling.LOCAL) < ENCODER_STEP
+
+
+@pytest.mark.parametrize(("model_period", "latency"), [(1, 1), (5, 5)])
+@pytest.mark.parametrize("stiffness", [150.0, 300.0, 1500.0])
+@pytest.mark.parametrize("exponent", [0.5, 0.75])
+def test_a_hand_that_presses_what_is_steepest_at_first_touch_comes_to_rest(stiffness, model_period, latency, exponent):
+    assert shaking(stiffness, model_period, latency, Coupling.LOCAL, exponent=exponent) < ENCODER_STEP
 
 
 @pytest.mark.parametrize(("stiffness", "model_period", "latency"), [(800.0, 1, 1), (500.0, 2, 2), (300.0, 5, 1)])

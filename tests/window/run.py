@@ -39,15 +39,18 @@ WRONG = re.compile(
 """What nothing may leave on the console: no panel, handler, thread or shader."""
 WINDOW = ("--window-geometry", "0", "0", "900", "600")
 """Small, for a machine without a graphics card draws it too."""
+LEAVING = "leaving Blender"
+"""Stands for a scenario where Blender fails between two, or at its end."""
 TAIL = 40
 """Lines of a console that are shown."""
 
 
 @dataclass
 class Outcome:
-    """What became of a scenario; ``error`` is None when all was well."""
+    """What became of a scenario on a graphics ``backend``; ``error`` is None when all was well."""
 
     name: str
+    backend: str = ""
     seconds: float = 0.0
     error: str | None = None
     figures: dict[str, float] = field(default_factory=dict)
@@ -76,7 +79,9 @@ class Session:
         command = [self.blender, *WINDOW, "--enable-event-simulate", *(["--gpu-backend", backend] if backend else [])]
         while names:
             with self._started(command, names, backend) as watch:
-                yield from watch.outcomes()
+                for outcome in watch.outcomes():
+                    outcome.backend = backend
+                    yield outcome
             if not watch.begun:
                 raise StepError("\n".join(["Blender did not come as far as a scenario", *watch.console[-TAIL:]]))
             names = names[watch.begun :]
@@ -154,7 +159,7 @@ class Watch:
         code = self.end()
         if playing is None and (self.begun == 0 or code == 0):
             return
-        playing = playing or Outcome("leaving Blender")
+        playing = playing or Outcome(LEAVING)
         playing.seconds = time.monotonic() - began
         ended = [f"Blender ended with exit code {code}", *said[-TAIL:], *self._last_words()]
         playing.error = _joined(None if code == leaves else "\n".join(ended), wrong_in(said))
@@ -211,30 +216,44 @@ def play_all(session: Session, wanted: list[str], kind: str = "test") -> Iterato
     with ThreadPoolExecutor(1) as beside:  # the lone ones mostly wait
         lone = beside.submit(lambda: [*chain.from_iterable(session.play([e["name"]]) for e in plan if e["alone"])])
         yield from session.play([entry["name"] for entry in plan if not entry["alone"]])
-        for outcome in session.play([entry["name"] for entry in plan if entry["vulkan"]], "vulkan"):
-            outcome.name += " (Vulkan)"
-            yield outcome
+        yield from session.play([entry["name"] for entry in plan if entry["vulkan"]], "vulkan")
         yield from lone.result()
+
+
+def played_twice(session: Session, outcomes: Iterator[Outcome]) -> Iterator[Outcome]:
+    """The outcomes; then each scenario that failed once more, in a Blender of its own."""
+    failed = []
+    for outcome in outcomes:
+        if outcome.error:
+            failed.append(outcome)
+        yield outcome
+    for outcome in failed:
+        if outcome.name != LEAVING:
+            yield from session.play([outcome.name], outcome.backend)
 
 
 def main() -> int:
     """0 when every scenario passed; 1 with one line on stderr when it does not come to playing."""
     blender, wanted = sys.argv[1], sys.argv[2:] or ["*"]
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that Blender is ended as well
-    failed = passed = 0
+    last: dict[tuple[str, str], bool] = {}  # whether each has passed, when it was last played
     try:
         with installed(blender) as (folder, environment):
-            for outcome in play_all(Session(blender, folder, environment), wanted):
-                word = "FAILED" if outcome.error else "ok"
-                print(f"{word:6}  {outcome.seconds:5.1f} s  {outcome.name}", flush=True)
+            session = Session(blender, folder, environment)
+            for outcome in played_twice(session, play_all(session, wanted)):
+                scenario = outcome.name, outcome.backend
+                word, again = "FAILED" if outcome.error else "ok", " (again)" if scenario in last else ""
+                backend = f" ({outcome.backend.capitalize()})" if outcome.backend else ""
+                print(f"{word:6}  {outcome.seconds:5.1f} s  {outcome.name}{backend}{again}", flush=True)
                 if outcome.error:
                     print(textwrap.indent(outcome.error.rstrip(), "        "), flush=True)
-                failed, passed = failed + bool(outcome.error), passed + (not outcome.error)
+                last[scenario] = outcome.error is None
     except StepError as error:
         print(f"run.py: {error}", file=sys.stderr)
         return 1
-    print(f"{passed} passed, {failed} failed; pictures are in out/window")
-    return int(failed > 0)
+    passed = sum(last.values())
+    print(f"{passed} passed, {len(last) - passed} failed; pictures are in out/window")
+    return int(passed < len(last))
 
 
 if __name__ == "__main__":
