@@ -45,8 +45,8 @@ class Column:
 
     def __init__(self, kappa, density, reach, half=HALF, exponent=1.0):
         self.law = law = ColumnLaw(1.0, kappa, density, reach)
-        self.kappa, self.reach = kappa, reach
-        self.density, self.yields, self.plateau_begins = density, law.yield_depth, law.plateau_begins
+        self.kappa, self.density, self.reach = kappa, density, reach
+        self.yields, self.plateau_begins = law.yield_depth, law.plateau_begins
         self.depth = np.ceil(1.6 * law.plateau_begins + 6)
         compacted = law.compacted_length(self.depth)
         values = np.zeros((FIRST + int(self.depth + compacted) + reach + 8, ACROSS, ACROSS), np.float32)
@@ -102,7 +102,7 @@ def test_plastic_slope(column):
 
 def test_plateau(column):
     slope, _ = column.slope(column.plateau_begins + 2.0, column.depth)
-    assert abs(slope) < 0.01 * column.density * column.law.kappa
+    assert abs(slope) < 0.01 * column.density * column.kappa
     for held in column.held[column.deltas > column.plateau_begins + 2.0]:
         close(held, column.law.plateau)
 
