@@ -1074,24 +1074,29 @@ static int64_t ask_growth(Sweep *s, const Frame *f, int below_a, int above_a) {
     return any;
 }
 
-// What has gone farther along u than the band lets it is surplus.
-static void stop_at_band(Sweep *s, const Frame *f) {
+// What has gone farther along u than the band lets it is surplus. Returns whether any flux goes on.
+static int stop_at_band(Sweep *s, const Frame *f) {
     const double ua = s->direction[f->axis[0]], ub = s->direction[f->axis[1]], uc = s->direction[f->axis[2]];
     const int64_t *w = s->window;
     const double ahead = ua * ((double)s->plane - f->centre[0]);
     const double farthest = ahead + fmax(ub * ((double)w[0] - f->centre[1]), ub * ((double)(w[1] - 1) - f->centre[1])) +
                             fmax(uc * ((double)w[2] - f->centre[2]), uc * ((double)(w[3] - 1) - f->centre[2]));
-    if (farthest <= s->limit) return;
+    if (farthest <= s->limit) return 1;
+    int goes_on = 0;
     for (int64_t b = w[0]; b < w[1]; b++) {
         const double row = ahead + ub * ((double)b - f->centre[1]);
         for (int64_t c = w[2]; c < w[3]; c++) {
             float *flux = flux_at(s, b, c);
-            if (*flux > 0.0f && row + uc * ((double)c - f->centre[2]) > s->limit) {
+            if (*flux <= 0.0f) continue;
+            if (row + uc * ((double)c - f->centre[2]) > s->limit) {
                 s->surplus += (double)*flux;
                 *flux = 0.0f;
+            } else {
+                goes_on = 1;
             }
         }
     }
+    return goes_on;
 }
 
 // deposit = min(flux, 1 - d), for a row.
@@ -1353,8 +1358,8 @@ EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s
             continue;
         }
         s->visited += (s->window[1] - s->window[0]) * (s->window[3] - s->window[2]);
-        if (s->limit < INFINITY) stop_at_band(s, &f);
-        if (!fill_plane(g, &f, s, &slab)) s->window[1] = s->window[0];
+        const int goes_on = s->limit == INFINITY || stop_at_band(s, &f);
+        if (!goes_on || !fill_plane(g, &f, s, &slab)) s->window[1] = s->window[0];
     }
     flush_slab(g, &f, s, &slab);
     return DONE;

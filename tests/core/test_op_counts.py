@@ -13,6 +13,7 @@ from .volumes import line
 SCENES = {  # density of a slab, what its preset does with it, and the axis of the push
     "packed": (1.0, {"band": 6.0}, 0),
     "packed along 2": (1.0, {"band": 6.0}, 2),
+    "saturated": (1.0, {}, 0),
     "foam": (0.6, {}, 0),
     "foam along 1": (0.6, {}, 1),
     "pulled": (1.0, {"verb": "pull"}, 0),
@@ -21,12 +22,12 @@ SCENES = {  # density of a slab, what its preset does with it, and the axis of t
 SURFACE, THICK = 20, 34
 
 
-def pushed(n, scene, known=True):
+def pushed(n, scene, known=True, thick=THICK):
     """A push into a slab that lies alike in any grid of ``n`` voxels along each edge; and its counts."""
     density, how, axis = SCENES[scene]
     grid = DensityGrid(np.zeros((n, n, n), np.float32), copy=False)
     inside = [slice(0, 64)] * 3
-    inside[axis] = slice(SURFACE, SURFACE + THICK)
+    inside[axis] = slice(SURFACE, SURFACE + thick)
     grid.density[tuple(inside)] = density
     push = Push(grid, SphereTool(6), Material(3.3, 0.02), border="wall", **how)
     if not known:
@@ -65,6 +66,14 @@ def test_a_step_does_not_depend_on_the_grid(kernels, scene):
     assert found[0][1]["bricks kept"] > 0 and found[0][1]["bricks settled"] > 0
 
 
+@pytest.mark.parametrize("scene", ["packed", "packed along 2"])
+def test_beyond_the_band_nothing_is_swept(kernels, scene):
+    """How far full material goes on behind the band costs nothing: there is no flux."""
+    _, thin, _ = pushed(128, scene)
+    _, thick, _ = pushed(128, scene, thick=100)
+    assert thick["flux visited"] == thin["flux visited"] > 0
+
+
 @pytest.mark.parametrize("scene", SCENES)
 def test_a_step_is_bounded_by_tool_and_flow(kernels, scene):
     """Estimates read the boxes around tool and reach, sweeps what the flux passes, and a step settles what it wrote."""
@@ -84,8 +93,9 @@ def test_a_step_is_bounded_by_tool_and_flow(kernels, scene):
         ("packed", "read by estimates", 0.65),
         ("packed along 2", "read by estimates", 0.7),
         ("foam", "read by estimates", 0.65),
-        ("packed", "read by sweeps", 0.65),
-        ("packed along 2", "read by sweeps", 0.65),
+        ("packed", "read by sweeps", 0.7),
+        ("packed along 2", "read by sweeps", 0.7),
+        ("saturated", "read by sweeps", 0.6),
         ("pulled", "read by sweeps", 0.8),
         ("pulled", "images kept", 0.75),
         ("smoothed", "images kept", 0.35),
