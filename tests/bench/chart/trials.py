@@ -53,7 +53,7 @@ def _judge_column(outcomes: Sequence[Outcome], _reference: Outcome | None) -> Er
 
 @cache
 def _recursion() -> tuple[Scene]:
-    return (scenes.press(64, 44, 20, 12.0, 10.0, 0.5, 0.1),)
+    return (scenes.press(80, 56, 24, 16.0, 12.0, 0.5, 0.1),)
 
 
 def _judge_recursion(outcomes: Sequence[Outcome], reference: Outcome | None) -> Errors:
