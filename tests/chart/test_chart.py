@@ -137,7 +137,7 @@ def row(method, ms, error, setting="compiled", failure="", press=1.0):
 def test_what_dominates_the_sweep_is_said():
     panel = Panel("foam-500", "err_force", "foam", "force")
     rows = [row("sweep", 1.0, 0.10), row("both", 0.5, 0.05), row("nearer", 9.0, 0.02), row("faster", 0.1, 0.5)]
-    rows += [row("same", 1.1, 0.11), row("gone", 0.1, 0.0, failure="died")]
+    rows += [row("same", 1.1, 0.11), row("hardly nearer", 5.0, 0.095), row("gone", 0.1, 0.0, failure="died")]
     verdict = words.judge(rows, panel)
     names = [[r.method for r in found] for found in (verdict.both, verdict.nearer, verdict.faster)]
     assert names == [["both"], ["nearer"], ["faster"]]

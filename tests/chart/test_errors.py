@@ -71,6 +71,11 @@ def test_force_of_a_curve_at_right_angles_to_the_truth():
     assert errors.force(truth, np.zeros(3)) == errors.force(truth, np.full(3, np.nan)) == pytest.approx(np.sqrt(2) / 2)
 
 
+def test_force_that_pulls_is_no_force():
+    truth = np.array([1.0, 1.0, 2.0])
+    assert errors.force(truth, -truth) == errors.force(truth, np.zeros(3))
+
+
 def test_force_of_a_square_for_a_line():
     """min over c of the integral of (x - c x^2)^2 on 0..1 is 1/3 - 2/4 c + c^2/5 at c = 5/4: 1/48."""
     x = np.linspace(0.0, 1.0, 20001)

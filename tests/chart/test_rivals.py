@@ -295,6 +295,21 @@ def test_momentum_that_points_gain_is_what_the_sphere_and_the_walls_give():
     assert momentum == pytest.approx(gained, abs=1e-12 + 1e-9 * abs(gained[2]))
 
 
+def test_a_linear_velocity_goes_to_the_grid_and_back_as_it_was():
+    """What makes the transfers keep angular momentum: away from the walls, a velocity A x comes back with A."""
+    block = np.ones((12, 12, 12), np.float32)
+    scene = Scene(block, 1.0, np.array([(5.5, 5.5, 99.0)]), (0.0, 0.0, -1.0), 0.0)
+    points = mpm.Points(scene, 12, mpm.VON_MISES)
+    gradient = np.random.default_rng(5).uniform(-1e-3, 1e-3, (3, 3))
+    points.v[:] = velocity = points.x @ gradient.T
+    points._affine[:] = gradient
+    inside = ((points.x > mpm.FRAME + 2.5) & (points.x < mpm.FRAME + 9.5)).all(axis=1)
+    points._substep(np.array((9.0, 9.0, 99.0)), np.zeros(3))
+    assert inside.sum() > 100
+    assert np.abs(points.v - velocity)[inside].max() <= 1e-12
+    assert np.abs(points._affine - gradient)[inside].max() <= 1e-12
+
+
 def test_von_mises_points_keep_volume_and_pile_up_and_foam_does_neither():
     _, solid, _ = pressed_points(mpm.VON_MISES)
     _, foam, _ = pressed_points(mpm.FOAM)

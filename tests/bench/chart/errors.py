@@ -48,10 +48,10 @@ def force(truth: np.ndarray, found: np.ndarray) -> float:
     """Root mean square difference of two curves of force over the same depths (n,), as a share of the truth's peak.
 
     Each method has a unit of its own, so ``found`` is first multiplied by the one factor that fits it best (least
-    squares). A curve that is not a number, or has no force in it, is wrong by all of the truth.
+    squares, not below 0). A curve that is no number, has no force in it or pulls is wrong by all of the truth.
     """
     square = float(found @ found)
-    factor = float(found @ truth) / square if np.isfinite(square) and square > 0.0 else 0.0
+    factor = max(float(found @ truth) / square, 0.0) if np.isfinite(square) and square > 0.0 else 0.0
     fitted = factor * found if factor else np.zeros_like(truth)
     return float(np.sqrt(np.mean((fitted - truth) ** 2)) / np.abs(truth).max())
 

@@ -10,11 +10,12 @@ strains are small.
 The sphere pushes each point that reaches into it, not the nodes within it: by nodes (tried) the contact was felt half a
 cell early, and points sank a third of a cell into the tool, so that the force rose half as fast as it should.
 
-Gets wrong: a contact narrower than some three cells is too stiff (at 32^3 and R = 5.3 cells the force is 30 % over that
-of finite elements at R/10, though as straight), hundreds of substeps a step, numerical diffusion and fracture at large
-strain; a foam has no locking, so it may be crushed beyond what a voxel holds. ``density`` is what the points'
-parallelepipeds (their cubes, deformed) cover, less what they covered at first, added to the scene's and clipped to
-[0, 1]: `Points.clipped` is the mass that this hides.
+Gets wrong: a contact narrower than some three cells is too stiff (at R/10 deep the force is a third over that of finite
+elements where R is 5.3 cells, a sixth where it is 8, though as straight), and the rim is half as high as theirs or
+less; hundreds of substeps a step; numerical diffusion and fracture at large strain; a foam has no locking, so it may be
+crushed beyond what a voxel holds. ``density`` is what the points' parallelepipeds (their cubes, deformed) cover, less
+what they covered at first, added to the scene's and clipped to [0, 1]: `Points.clipped` is the mass that this hides,
+for a solid that fills its voxels a third to a half of what the tool displaces, most of it elastic compression.
 """
 
 from __future__ import annotations
