@@ -158,7 +158,7 @@ class ClosedLoop:
         self._seen = seen = self.arm.seen
         velocity = self._velocity(now)
         for model in self._collision.due(now):
-            self._coupled.take(model)
+            self._coupled.take(model, now)
         force = self._given(seen, velocity, now)
         before = self.arm.place
         self.arm.step(force, *self.goal(now))

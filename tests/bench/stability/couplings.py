@@ -12,7 +12,7 @@ from collections.abc import Callable
 from enum import Enum
 from math import hypot
 
-from repousse.device.force import Felt, felt_force
+from repousse.device.force import Felt, felt_force, surface_known
 from repousse.device.limits import PERIOD, Limits
 from repousse.device.protocol import Coupling as Way
 from repousse.device.protocol import ForceModel
@@ -36,22 +36,26 @@ class Coupled:
     def __init__(self, coupling: Coupling, limits: Limits, feel: Callable[[Triple, float], ForceModel]) -> None:
         self._coupling, self._limits, self._feel = coupling, limits, feel
         self.model: ForceModel | None = None
-        self._former: ForceModel | None = None
+        self._former = self._surface = self.model
+        self._taken = 0.0
 
-    def take(self, model: ForceModel) -> None:
+    def take(self, model: ForceModel, now: float) -> None:
         """A model has arrived."""
-        self._former, self.model = self.model, model
+        self._former, self.model, self._taken = self.model, model, now
+        self._surface = surface_known(model, self._surface)
 
     def felt(self, place: Triple, velocity: Triple, now: float) -> Felt:
         """The force on the tip, before safety."""
-        model, former, way = self.model, self._former, Way.LOCAL
-        if self._coupling is Coupling.IN_LOOP:
+        model, way = self.model, Way.LOCAL
+        if self._coupling is Coupling.LOCAL:
+            model = self._surface
+        elif self._coupling is Coupling.IN_LOOP:
             model = self.model = self._feel(place, now)
         elif self._coupling is Coupling.INTERPOLATE:
             way = Way.INTERPOLATE
-        elif self._coupling is Coupling.HOLD and model is not None:
+        elif model is not None:
             model = model._replace(gradient=ZERO)
-        return felt_force(model, former, place, velocity, now, self._limits, way)
+        return felt_force(model, self._former, place, velocity, now, self._limits, way, self._taken)
 
 
 class Passivity:

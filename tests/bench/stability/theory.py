@@ -70,9 +70,7 @@ def _period_matrix(
 ) -> np.ndarray:
     """The state is (place, speed, place seen last, seen before that, ...), the first seen one collision ago."""
     kept = ceil(timing.latency / timing.period + SLACK) + 3
-    moved = transition(
-        mechanics.mass + hand.mass, mechanics.damping + hand.damping, hand.stiffness, PERIOD
-    )
+    moved = transition(mechanics.mass + hand.mass, mechanics.damping + hand.damping, hand.stiffness, PERIOD)
     size = 2 + kept
     whole = np.eye(size)
     first = 10 * collisions  # of the looks: far enough from the beginning for none to be missing

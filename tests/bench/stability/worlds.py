@@ -64,7 +64,7 @@ class Clay:
         self._feeler = Feeler(push)
 
     def collide(self, place: Triple, now: float) -> ForceModel:
-        self._poses.put(Sample(self.mapping.position(place), time=now))
+        self._poses.put(Sample(now, self.mapping.position(place)))
         if self.sculpts and self._poses.any_wait:
             self._solve()
         return self.feel(place, now)
