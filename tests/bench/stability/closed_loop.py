@@ -54,6 +54,11 @@ def limits_for(max_force: float, max_stiffness: float, max_damping: float, dampi
     )
 
 
+GUARD_DAMPING = 70.0
+"""N s/m, at most, of a passivity controller: half of m/T, from which on damping by the last period's motion alone shakes
+an arm of 45 g in a hand of 0.1 kg."""
+
+
 class Moment(NamedTuple):
     """One period: s, where the tip is (m), the force given (N), slopes asked and granted (N/m), the energy (J) that the
     hand has put in so far, and the age of what was felt (s)."""
@@ -140,7 +145,7 @@ class ClosedLoop:
         self.trace = Trace()
         self._coupled = Coupled(coupling, limits, world.feel)
         self._collision = Collision(timing, lambda now: world.collide(self._seen, now))
-        self._guard = Passivity(limits.max_damping) if guarded else None
+        self._guard = Passivity(arm.seen, GUARD_DAMPING) if guarded else None
         self._seen = arm.seen
         self._path: deque[tuple[float, Triple]] = deque()
         self._status = Status(State.RUN, given=Given(ZERO, 1.0, 1, 1.0), motors=Motors())
@@ -174,7 +179,6 @@ class ClosedLoop:
         force = self._status.force
         if self._guard is not None:
             force = self._guard.controlled(force, seen)
-            self._guard.given(force)
         self.trace.moments.append(
             Moment(now, self.arm.place, force, felt.asked, felt.granted, self._energy, now - time)
         )

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import Enum
-from math import hypot
 
 from repousse.device.force import Felt, felt_force, surface_known
 from repousse.device.limits import PERIOD, Limits
@@ -61,33 +60,28 @@ class Coupled:
 class Passivity:
     """A passivity observer and controller (Hannaford and Ryu, IEEE T-RA 18(1), 2002) at the port to the hand.
 
-    The observer counts what the hand has put in, exactly so for a force that is held: E += -F . dx. Where it has got
-    back more, E < 0, the controller adds the damping that makes up for it within a period, alpha = -E / (T v^2), but no
-    more than the device can render (N s/m).
+    The observer counts what the hand has put in, exactly so for a force that is held: E(n) = E(n-1) - F(n-1) . dx(n).
+    Of the period that begins it takes that the tip moves on as it did. Where the hand would then have got back more
+    than it gave, E - F . v T < 0, the controller adds the damping alpha that makes this 0: F - alpha v, with
+    alpha = (F . v T - E) / (T v^2), at most ``most`` (N s/m).
     """
 
-    def __init__(self, most: float) -> None:
+    def __init__(self, place: Triple, most: float) -> None:
         self.energy = 0.0
         self._most = most
-        self._force = self._place = ZERO
-
-    def observe(self, place: Triple) -> Triple:
-        """A period is over; returns the way it took."""
-        way = tuple(b - a for a, b in zip(self._place, place, strict=True))
-        self.energy -= sum(f * w for f, w in zip(self._force, way, strict=True))
-        self._place = place
-        return way  # type: ignore[return-value]
+        self._force, self._place = ZERO, place
 
     def controlled(self, force: Triple, place: Triple) -> Triple:
-        """The force that may be given."""
-        way = self.observe(place)
-        square = hypot(*way) ** 2
-        if self.energy < 0.0 and square > 0.0:
-            alpha = min(-self.energy * PERIOD / square, self._most)
-            x, y, z = (f - alpha * w / PERIOD for f, w in zip(force, way, strict=True))
-            force = (x, y, z)
+        """The force that is given, in place of ``force``; called once in a period."""
+        x, y, z = (b - a for a, b in zip(self._place, place, strict=True))
+        self.energy -= _dot(self._force, (x, y, z))
+        missing, square = _dot(force, (x, y, z)) - self.energy, x * x + y * y + z * z
+        if missing > 0.0 and square > 0.0:
+            share = min(missing / square, self._most / PERIOD)
+            force = force[0] - share * x, force[1] - share * y, force[2] - share * z
+        self._force, self._place = force, place
         return force
 
-    def given(self, force: Triple) -> None:
-        """This is what the arm got."""
-        self._force = force
+
+def _dot(a: Triple, b: Triple) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
