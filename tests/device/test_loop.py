@@ -312,9 +312,9 @@ def test_a_model_that_grows_old_fades_and_is_gone_after_a_tenth_of_a_second(rig)
     """Blender is stalled for two seconds: zero at 100 ms, and afterwards the gate, not a fault."""
     rig.engage(stress=1.0)
     forces = [force[2] for force in rig.run(2000, send=False)]
-    assert min(forces[:49]) == pytest.approx(1.0, rel=0.01)
+    assert min(forces[:89]) == pytest.approx(1.0, rel=0.01)
     assert all(later <= earlier + 1e-9 for earlier, later in pairwise(forces))
-    assert forces[75] == pytest.approx(0.5, abs=0.05)
+    assert forces[95] == pytest.approx(0.5, abs=0.15)
     assert max(forces[100:]) == 0.0
     assert rig.state.state is State.ARMED and rig.state.fault is Fault.MODEL_STALE
     assert rig.state.waiting is False
