@@ -117,7 +117,15 @@ def surface_known(model: ForceModel, before: ForceModel | None) -> ForceModel:
     """
     if not model.stress <= 0.0 or before is None or before.scene != model.scene:
         return model
-    numbers = (model.stress, model.yield_stress, model.damping, *model.position, *model.gradient, *model.normal)
+    numbers = (
+        model.stress,
+        model.yield_stress,
+        model.damping,
+        model.exponent,
+        *model.position,
+        *model.gradient,
+        *model.normal,
+    )
     rise = sum(g * (m - b) for g, m, b in zip(before.gradient, model.position, before.position, strict=True))
     if not (isfinite(sum(numbers)) and before.stress + rise <= 0.0):  # what is no number is told by felt_force
         return model
