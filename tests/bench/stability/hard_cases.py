@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import sys
 
-from .cases import confined, moving
+from .cases import confined, curl, looping, moving, resting
 
-CASES = {case.__name__: case for case in moving.CASES + confined.CASES}
+CASES = {
+    case.__name__: case
+    for case in moving.CASES + confined.CASES + resting.CASES + curl.CASES + looping.CASES + looping.LONG_CASES
+}
 
 if __name__ == "__main__":
     import time
+
     for name in sys.argv[1:] or CASES:
-        t=time.process_time()
-        for figure in CASES[name](): print(figure)
-        print("   ", name, round(time.process_time()-t,2),"s cpu")
+        t = time.process_time()
+        for figure in CASES[name]():
+            print(figure)
+        print("   ", name, round(time.process_time() - t, 2), "s cpu")

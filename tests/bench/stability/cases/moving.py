@@ -55,7 +55,9 @@ def thin_sheets() -> Iterator[Figure]:
             inside = [one.place[:, 2] < SURFACE + RADIUS - 1.0 for one in fast]
             least = min(float(one.force[met, 2].min()) for one, met in zip(fast, inside, strict=True))
             apart = max(float(np.abs(one.force[:, 2] - at).max()) for one, at in zip(fast, slow_at, strict=True))
-            share = min(float((one.force[m, 2] / at[m]).min()) for one, at, m in zip(fast, slow_at, inside, strict=True))
+            share = min(
+                float((one.force[m, 2] / at[m]).min()) for one, at, m in zip(fast, slow_at, inside, strict=True)
+            )
             yield Figure(case, "least force against the motion", least, "N", at_least=1e-3)
             yield Figure(case, "of the slow pass's force, at least", share, "", at_least=1.0 - JND)
             yield Figure(case, "apart from the slow pass", apart / slow.strength.max(), "of its greatest", SAME_FORCE)
@@ -135,8 +137,6 @@ def load_cycles() -> Iterator[Figure]:
         yield Figure(case, "drift of the peak force", abs(peaks[-1] / peaks[1] - 1.0), "", DRIFT_FORCE)
         yield Figure(case, "moved by cycles 2 to 100", sum(moved[1:]), "voxels", DRIFT_MASS)
         yield Figure(case, "moved by the first", moved[0], "voxels", at_least=10.0)
-
-
 
 
 def sliding() -> Iterator[Figure]:
