@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Closed paths where nothing yields: what a round trip through the field of forces gives, or costs.
 
-The force is sigma along g/|g|, g = grad M_t (DESIGN 4). Its curl is sigma rot(g/|g|) = sigma g x grad|g| / |g|^2: none over
-a flat surface, a round body, or where |g| changes along g alone; some at an edge, and most in the mouth of a hole, where
-the walls on both sides cancel each other in g but add up in sigma. A potential has no such force: -grad(sigma^2 / 2K)
-is sigma grad sigma / K, whose strength is not sigma. So it is the law's own, "a force of sigma along the normal", and no
-error of the grid: what is asked here is how large it is.
+The force is sigma along g/|g|, g = grad M_t (DESIGN 4). Its curl is sigma rot(g/|g|) = sigma g x grad|g| / |g|^2: none
+over a flat surface, a round body, or wherever |g| changes along g alone; some at an edge; and most in the mouth of a
+hole, whose walls cancel each other in g but add up in sigma. A force that has a potential, -grad(sigma^2 / 2K), is
+sigma grad sigma / K, whose strength is not sigma. So the curl is the law's own, "a force of sigma along the normal",
+and no error of the grid: what is asked here is how large it is.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ def closed_paths() -> Iterator[Figure]:
 
 
 MOST_ENERGY = 2e-3
-"""Joules that any of these trips may give: a hand that moves at 0.1 m/s along the same two centimetres, with the damping
-of a soft grip (1.5 N s/m), takes 3 mJ."""
+"""Joules that any of these trips may give. A hand that goes the same two centimetres at 0.1 m/s takes 3 mJ, with the
+damping of a soft grip (1.5 N s/m)."""
 
 
 class Trip(NamedTuple):
