@@ -237,7 +237,7 @@ class Wandering:
     seed: int
     reach: Triple = (6e-3, 6e-3, 7e-3)
     middle: float = 3e-3
-    sines: int = 12
+    sines: int = 6
 
     def goal(self) -> Goal:
         random = np.random.default_rng(self.seed)
