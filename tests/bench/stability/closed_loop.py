@@ -55,8 +55,8 @@ def limits_for(max_force: float, max_stiffness: float, max_damping: float, dampi
 
 
 GUARD_DAMPING = 70.0
-"""N s/m, at most, of a passivity controller: half of m/T, from which on damping by the last period's motion alone shakes
-an arm of 45 g in a hand of 0.1 kg."""
+"""N s/m, at most, of a passivity controller: half of m/T, from which on damping by the last period's motion shakes an
+arm of 45 g in a hand of 0.1 kg."""
 
 
 class Moment(NamedTuple):
@@ -127,8 +127,8 @@ class ClosedLoop:
         Which, and whether a passivity observer and controller watches the port.
     limits
         The arm's.
-
-    ``stalled`` (s): the collision sees nothing and tells nothing before that time, for who wants it to stand still.
+    coupled
+        What the coupling is made by, for who wants another.
     """
 
     def __init__(
@@ -140,10 +140,11 @@ class ClosedLoop:
         coupling: Coupling,
         limits: Limits,
         guarded: bool = False,
+        coupled: type[Coupled] = Coupled,
     ) -> None:
         self.arm, self.world, self.goal, self.limits = arm, world, goal, limits
         self.trace = Trace()
-        self._coupled = Coupled(coupling, limits, world.feel)
+        self._coupled = coupled(coupling, limits, world.feel)
         self._collision = Collision(timing, lambda now: world.collide(self._seen, now))
         self._guard = Passivity(arm.seen, GUARD_DAMPING) if guarded else None
         self._seen = arm.seen
@@ -151,6 +152,12 @@ class ClosedLoop:
         self._status = Status(State.RUN, given=Given(ZERO, 1.0, 1, 1.0), motors=Motors())
         self._periods = 0
         self._energy = 0.0
+
+    def know(self, times: tuple[float, ...]) -> None:
+        """Let what is felt at the tip have been known from before the first period, by models made at these ``times``
+        (s, below 0): else there is no force until the first one comes."""
+        for time in times:
+            self._coupled.take(self.world.feel(self._seen, time), time)
 
     def run(self, seconds: float) -> Trace:
         """Go on for so long; returns all that was so far."""
@@ -165,16 +172,18 @@ class ClosedLoop:
         for model in self._collision.due(now):
             self._coupled.take(model, now)
         force = self._given(seen, velocity, now)
-        before = self.arm.place
+        x, y, z = self.arm.place
         self.arm.step(force, *self.goal(now))
-        self._energy -= sum(f * (b - a) for f, a, b in zip(force, before, self.arm.place, strict=True))
+        (u, v, w), (a, b, c) = self.arm.place, force
+        self._energy -= a * (u - x) + b * (v - y) + c * (w - z)
 
     def _given(self, seen: Triple, velocity: Triple, now: float) -> Triple:
         """The force of this period, after safety and guard; into the trace."""
         felt = self._coupled.felt(seen, velocity, now)
         model = self._coupled.model
         time, scene = (model.time, model.scene) if model is not None else (now, 1)
-        status = self._status._replace(seen=Seen(now, now, ZERO, hypot(*velocity)))
+        state, fault, _, given, motors = self._status
+        status = Status(state, fault, Seen(now, now, ZERO, hypot(*velocity)), given, motors)
         self._status = safety.rendered(status, self.limits, now, PERIOD, time, scene, felt.force, felt.magnitude)
         force = self._status.force
         if self._guard is not None:

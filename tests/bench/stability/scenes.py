@@ -14,7 +14,7 @@ from repousse.device.limits import Limits
 from .arm import Arm, Mechanics, OneAxis
 from .closed_loop import ClosedLoop, Goal, Triple, limits_for
 from .collision import Timing
-from .couplings import ZERO, Coupling
+from .couplings import ZERO, Coupled, Coupling
 from .worlds import Clay, Wall, World, laid_over
 
 MS = 1e-3
@@ -78,12 +78,13 @@ def at_wall(
     ideal: bool = True,
     stiffness: float | None = None,
     limits: Limits | None = None,
+    coupled: type[Coupled] = Coupled,
 ) -> ClosedLoop:
     """A press on a wall as stiff as the device can render, or with a ``stiffness`` (N/m) of its own."""
     asked = device.stiffness if stiffness is None else stiffness
     arm = OneAxis(device.ideal if ideal else device.mechanics, hand, START)
     goal = pressing(min(asked, (limits or device.limits).max_stiffness), hand)
-    return ClosedLoop(arm, Wall(asked), goal, timing, coupling, limits or device.limits, guarded)
+    return ClosedLoop(arm, Wall(asked), goal, timing, coupling, limits or device.limits, guarded, coupled)
 
 
 RADIUS = 8.0

@@ -99,6 +99,7 @@ def _felt(coupling: Coupling, timing: Timing, now: float, size: int) -> np.ndarr
     behind = newest - arrived
     share = 1.0
     if coupling is Coupling.INTERPOLATE:
-        share = min((now - arrived * timing.period) / timing.period, 1.0)
+        came = ceil((arrived * timing.period + timing.latency) / PERIOD - SLACK / PERIOD) * PERIOD
+        share = min((now - came) / timing.period, 1.0)
     shares[2 + behind], shares[3 + behind] = share, 1.0 - share
     return shares
