@@ -61,7 +61,7 @@ def share_by_room(density, sources, mass):
 
 
 def share_alike(density, sources, mass):
-    """All sources at once share their mass by fixed weights; what a voxel cannot take is told, and given to no other."""
+    """All sources at once share their mass by fixed weights; what a voxel cannot take is given to no other."""
     flux = np.zeros_like(density)
     for source in sources:
         for step in FORWARD:

@@ -163,7 +163,9 @@ def vanishing() -> Iterator[Figure]:
         steps = np.diff(felt)
         yield Figure(case, "force before", felt[0], "N", at_least=0.05)
         yield Figure(case, "force that is left", felt[-1] / felt[0], "of it", 0.5)
-        yield Figure(case, "greatest loss in half a voxel", float(-steps.min()), "N", felt[0])
+        yield Figure(
+            case, "greatest loss while the taker moves half a voxel", float(-steps.min()) / felt[0], "of it", 0.5
+        )
         yield Figure(case, "least force", min(felt), "N", at_least=0.0)
         yield Figure(case, "longest normal", max(normals), "", 1.0 + ROUNDING)
         yield Figure(case, "mass won or lost", abs(total(grid) + out - before) / before, "of all", MASS)
@@ -194,7 +196,7 @@ def extremes() -> Iterator[Figure]:
         side = int(4 * radius) + 12
         grid = block(0.7, side // 2, side)
         push, before, middle = pushed(grid, radius, band=radius), total(grid), (side - 1) / 2
-        heights = coming(side // 2 + radius, side // 2 + 0.3 * radius, 0.5)
+        heights = coming(side // 2 + radius, side // 2 - radius, 0.5)
         yield from _sound(case, grid, before, run(push, [(middle, middle, z) for z in heights]))
     plain_grid = block(0.7)
     plain = run(pushed(plain_grid), PRESS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import ceil, pi, sin
+from math import pi, sin
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from repousse.device.protocol import ForceModel
 from ..arms3 import Led, ThreeAxes
 from ..closed_loop import ClosedLoop, Goal, Trace, Triple
 from ..collision import Timing
-from ..contact import FULL_FORCE, MIDDLE, RADIUS, SIDE, SURFACE, VOXEL, block, excess, pushed, total
+from ..contact import FULL_FORCE, RADIUS, SIDE, SURFACE, VOXEL, block, excess, pushed, total
 from ..couplings import Coupling
 from ..figure import Figure
 from ..scenes import DEVICES, HANDS
@@ -29,7 +29,7 @@ MS = 1e-3
 ARM = next(device for device in DEVICES if device.name == "Omni")
 LIMITS = ARM.limits
 LEAST_ENERGY = -1e-3
-"""Joules that a hand may have got back beyond what it put in: a tenth of a millimetre against an arm's 3.3 N is .3 mJ."""
+"""Joules that a hand may have got back beyond what it put in: .3 mm against an arm's 3.3 N."""
 MOST_RISE = LIMITS.max_slew * PERIOD + 1e-9
 """Newtons a millisecond: the profiles' slew limit, K v/2 at the stiffest and fastest. What falls may fall at once."""
 ENOUGH = 1e-3
@@ -54,8 +54,8 @@ def rise(trace: Trace) -> float:
 
 
 def sheets_in_the_loop() -> Iterator[Figure]:
-    """Down through a sheet at 1 m/s, of which the ball's middle is at once 4 ms after the first touch: from when a model
-    can have come until then there is a force, and never one along the motion."""
+    """Down through a sheet at 1 m/s, in which the ball's middle is 4 ms after the first touch: from when a model can have
+    come until then there is a force, and never one along the motion."""
     for thickness in THICKNESSES:
         for period, latency in ((1, 0), (1, 1), (2, 0)):
             case = f"loop: sheet of {thickness} at 1 m/s, collision {period} ms, latency {latency} ms"
@@ -203,8 +203,8 @@ def _soft(stall: int, depth: float) -> float:
 
 
 def hole() -> Iterator[Figure]:
-    """A ball pressed into the mouth of a hole narrower than itself, that does not yield: where curl is greatest, held by
-    each hand, without any friction. At the product's rate it comes to rest."""
+    """A ball pressed into the mouth of a hole narrower than itself, that does not yield: where curl is greatest. Held by
+    each hand, without any friction."""
     for hand in HANDS:
         for period, marked in ((1, True), (4, True), (16, hand == "firm")):
             case = f"loop: in the mouth of a hole, {hand} hand, collision {period} ms"

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -113,7 +114,7 @@ def small_moves() -> Iterator[Figure]:
 
 
 def _there_and_back(ends: tuple[float, ...], step: float) -> np.ndarray:
-    return np.concatenate([coming(a, b, step) for a, b in zip(ends, ends[1:])])
+    return np.concatenate([coming(a, b, step) for a, b in pairwise(ends)])
 
 
 CYCLES = 100
@@ -124,7 +125,7 @@ DRIFT_MASS = 1.0
 
 
 def load_cycles() -> Iterator[Figure]:
-    """A hundred times in by 5 voxels and out until it is free: the first press makes the pit, and no other deepens it."""
+    """A hundred times in by 5 voxels and out again: the first press makes the pit, and no other deepens it."""
     for density, band in ((0.5, None), (1.0, float(RADIUS))):
         case = f"{CYCLES} load cycles, density {density}"
         push = pushed(block(density), band=band)
