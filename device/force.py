@@ -14,7 +14,7 @@ Of the tangent and the softened secant the lesser is felt: a force of position a
 
 from __future__ import annotations
 
-from math import hypot, isfinite, sqrt
+from math import hypot, inf, isfinite, sqrt
 from typing import NamedTuple
 
 from .fault import Fault
@@ -75,8 +75,9 @@ def felt_force(
     asked = hypot(gx, gy, gz)
     rise = gx * (x - mx) + gy * (y - my) + gz * (z - mz)
     stress, yield_stress, age = model.stress, model.yield_stress, now - model.time
+    turning = sum((*model.turning_x, *model.turning_y, *model.turning_z))
     numbers = asked + rise + nx + ny + nz + vx + vy + vz + stress + yield_stress + model.damping + model.exponent + age
-    if not isfinite(numbers):
+    if not isfinite(numbers + turning):
         return NO_NUMBER
     granted, softness, tangent = 0.0, 1.0, stress
     if coupling is Coupling.INTERPOLATE:
@@ -97,6 +98,8 @@ def felt_force(
     if length > 1.0:
         nx, ny, nz, length = nx / length, ny / length, nz / length, 1.0
     normal = nx, ny, nz
+    if granted > 0.0 and magnitude > 0.0:
+        normal = _turned(model, normal, length, (x - mx, y - my, z - mz), granted_slope(inf, limits) / magnitude)
     speed = hypot(vx, vy, vz)
     if speed > REST_SPEED and tangent > PLASTIC_FROM * yield_stress and magnitude > 0.0:
         flowing = min((tangent / yield_stress - PLASTIC_FROM) / (1.0 - PLASTIC_FROM), 1.0)
@@ -125,6 +128,9 @@ def surface_known(model: ForceModel, before: ForceModel | None) -> ForceModel:
         *model.position,
         *model.gradient,
         *model.normal,
+        *model.turning_x,
+        *model.turning_y,
+        *model.turning_z,
     )
     rise = sum(g * (m - b) for g, m, b in zip(before.gradient, model.position, before.position, strict=True))
     if not (isfinite(sum(numbers)) and before.stress + rise <= 0.0):  # what is no number is told by felt_force
@@ -140,6 +146,29 @@ def granted_slope(asked: float, limits: Limits) -> float:
     that falls with the model's age would itself shake the hand: the force would sag and come back with every model.
     """
     return min(asked, limits.max_stiffness, 2.0 * limits.damping / limits.period)
+
+
+def _turned(model: ForceModel, normal: Triple, length: float, way: Triple, most: float) -> Triple:
+    """The normal as it is after a ``way`` (m) since the model was made: as long as it was, turned by less than a right
+    angle. It turns by ``most`` (1/m) at most, for a force that turns is a slope across as well.
+
+    In a pit the walls hold the tip from the side by no more than this turning. A normal that stood still until the next
+    model would hold it there like a held force, which is stable up to damping over half of the collision's period only.
+    """
+    (dx, dy, dz), (nx, ny, nz) = way, normal
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = model.turning_x, model.turning_y, model.turning_z
+    steepest = hypot(ax, ay, az, bx, by, bz, cx, cy, cz)
+    if not 0.0 < steepest < inf:
+        return normal
+    share = min(1.0, most / steepest)
+    nx += share * (ax * dx + bx * dy + cx * dz)
+    ny += share * (ay * dx + by * dy + cy * dz)
+    nz += share * (az * dx + bz * dy + cz * dz)
+    turned = hypot(nx, ny, nz)
+    if not turned > 0.0:
+        return normal
+    share = length / turned
+    return nx * share, ny * share, nz * share
 
 
 def _interpolated(model: ForceModel, previous: ForceModel | None, since: float) -> float:

@@ -511,3 +511,35 @@ def test_interpolation_takes_each_estimate_as_it_was_felt():
     assert feel(previous=over, **halfway).magnitude == pytest.approx(0.75)
     for former in (None, over._replace(scene=2), over._replace(time=NOW), over._replace(time=NOW + 1.0)):
         assert feel(previous=former, **halfway).magnitude == pytest.approx(1.0)
+
+
+# The normal turns
+
+
+TURNING = MODEL._replace(turning_x=(-40.0, 0.0, 0.0), turning_y=(0.0, -40.0, 0.0))
+"""In a pit: aside, the normal points back by 0.04 for each millimetre."""
+
+
+def aside(way, model=TURNING):
+    x, y, z = model.position
+    return x + way, y, z
+
+
+def test_aside_the_normal_points_back():
+    felt = feel(TURNING, aside(0.002)).force
+    assert felt[0] / felt[2] == pytest.approx(-0.08) and felt[1] == 0.0
+    assert hypot(*felt) == pytest.approx(1.0)  # as strong as it was
+    assert feel(TURNING).force == feel(MODEL).force
+
+
+@given(st.floats(-0.05, 0.05), st.floats(0.0, 1e6))
+def test_turning_is_no_steeper_than_the_loop_can_render(way, steepness):
+    """However sharp the edge, and never over to the other side of the surface."""
+    model = TURNING._replace(turning_x=(-steepness, 0.0, 0.0), turning_y=ZERO)
+    x, _, z = feel(model, aside(way, model)).force
+    assert abs(x) <= granted_slope(inf, LIMITS) * abs(way) + 1e-9
+    assert z >= 0.0 and x * way <= 0.0
+
+
+def test_a_held_force_does_not_turn():
+    assert feel(TURNING._replace(gradient=ZERO), aside(0.002)).force == (0.0, 0.0, 1.0)

@@ -9,10 +9,10 @@ from repousse.core.local_model import Feeler
 from repousse.device.force import felt_force
 from repousse.device.limits import PERIOD
 from repousse.device.loop import VELOCITY_WINDOW
-from tests.bench.stability.cases.looping import LIMITS, clay
+from tests.bench.stability.cases.looping import LEAST_ENERGY, LIMITS, clay, held, held_in
 from tests.bench.stability.collision import Timing
 from tests.bench.stability.contact import MIDDLE, RADIUS, SIDE, SURFACE, above, block, coming, pushed, run
-from tests.bench.stability.couplings import Coupling
+from tests.bench.stability.couplings import ZERO, Coupling
 from tests.bench.stability.scenes import DEVICES, HANDS, at_wall
 from tests.core.volumes import TINY, speckled
 
@@ -148,6 +148,24 @@ def test_against_the_motion_chatters_at_rest_and_does_not_spring_back():
     out, model = (0.0, 0.0, 0.05), world.feel((0.0, 0.0, -1.9e-3), 0.0)
     assert opposed_to_motion(min(model.stress, model.yield_stress), out)[2] < 0.0
     assert felt_force(model, None, (0.0, 0.0, -1.9e-3), out, 0.0, LIMITS).force[2] > 0.0
+
+
+class Still:
+    """A world whose normal stands still until the next model."""
+
+    def __init__(self, world):
+        self._world = world
+
+    def collide(self, place, now):
+        return self._world.collide(place, now)._replace(turning_x=ZERO, turning_y=ZERO, turning_z=ZERO)
+
+
+@pytest.mark.parametrize("name", ["pit", "hole"])
+def test_a_normal_that_stands_still_throws_a_soft_hand_about(name):
+    """16 ms from one model to the next, no friction: millijoules beyond what the hand had put in."""
+    still, ours = (held(world, "soft", 16) for world in (Still(held_in(name)), held_in(name)))
+    assert still.lowest_energy < 5.0 * LEAST_ENERGY < LEAST_ENERGY < ours.lowest_energy
+    assert still.peak_to_peak(2.0) > 3.0 * ours.peak_to_peak(2.0)
 
 
 def test_one_solve_a_pose_jumps_a_sheet():
