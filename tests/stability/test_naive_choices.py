@@ -69,9 +69,9 @@ EMPTIED = 0.02
 
 
 def test_innermost_first_stalls_where_a_sweep_empties():
-    n, r = 18, 4.0
-    middle = np.full(3, 8.5)
-    tool = np.sqrt(((np.indices((n,) * 3) - 8.5) ** 2).sum(axis=0)) < r
+    n, r = 22, 5.0
+    middle = np.full(3, 10.5)
+    tool = np.sqrt(((np.indices((n,) * 3) - 10.5) ** 2).sum(axis=0)) < r
     left = []
     for empty in (empty_innermost_first, empty_from_the_rear):
         density = np.full((n,) * 3, 0.5)
@@ -154,7 +154,7 @@ class Still:
     """A world whose normal stands still until the next model."""
 
     def __init__(self, world):
-        self._world = world
+        self._world, self.feel = world, world.feel
 
     def collide(self, place, now):
         return self._world.collide(place, now)._replace(turning_x=ZERO, turning_y=ZERO, turning_z=ZERO)

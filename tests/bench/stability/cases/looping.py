@@ -56,8 +56,8 @@ def rise(trace: Trace) -> float:
 
 
 def sheets_in_the_loop() -> Iterator[Figure]:
-    """Down through a sheet at 1 m/s, in which the ball's middle is 4 ms after the first touch: there is a force from when
-    a model can have come until then, and never one along the motion."""
+    """Down through a sheet at 1 m/s, in which the ball's middle is 4 ms after the first touch: there is a force from
+    when a model can have come until then, and never one along the motion."""
     for thickness in THICKNESSES:
         for period, latency in ((1, 0), (1, 1), (2, 0)):
             case = f"loop: sheet of {thickness} at 1 m/s, collision {period} ms, latency {latency} ms"
