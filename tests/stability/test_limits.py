@@ -136,3 +136,15 @@ def test_the_arm_neither_makes_nor_loses_energy_but_by_damping_and_friction():
     assert lost[:3] == pytest.approx([2.0 * 0.2 / 200.0] * 3, rel=0.02)
     assert rubbed.speed == 0.0 and np.ptp(heights[-100:]) == 0.0
     assert abs(rubbed.height) <= 0.2 / 200.0
+
+
+def test_friction_slows_a_sliding_arm_evenly():
+    """x = v t - f_c t^2 / 2 m, with nothing else to pull it."""
+    hand, zero, friction = HANDS["soft"].__class__(0.1, 0.0, 0.0), (0.0, 0.0, 0.0), 0.2
+    arm = OneAxis(Mechanics(0.045, 0.0, friction), hand, 0.0)
+    arm.speed = 0.5
+    for _ in range(20):
+        arm.step(zero, zero, zero)
+    time = 20 * PERIOD
+    assert arm.speed == pytest.approx(0.5 - friction * time / arm.mass)
+    assert arm.height == pytest.approx(0.5 * time - 0.5 * friction * time**2 / arm.mass, rel=1e-9)

@@ -35,12 +35,12 @@ def summary(rows: Sequence[Row]) -> list[str]:
 
 
 def _between(text: str, name: str, new: str) -> str:
-    begin, end = f"<!-- {name}: by make stability -->\n", f"\n<!-- end of {name} -->"
+    begin, end = f"<!-- {name}: by make stability -->", f"<!-- end of {name} -->"
     before, _, rest = text.partition(begin)
     _, found, after = rest.partition(end)
     if not found:
         raise ValueError(f"{PAGE.name}: has no place for {name}")
-    return f"{before}{begin}{new}{end}{after}"
+    return f"{before}{begin}\n\n{new}\n\n{end}{after}"
 
 
 def _by_coupling(rows: Sequence[Row]) -> dict[str, list[Row]]:
