@@ -115,10 +115,12 @@ def measure(cell: Cell) -> Row:
 
 @cache
 def _pressed(cell: Cell) -> tuple[float, float, float, float]:
-    """The share of the slope that was granted, and what of a row tells of motion, force and energy."""
+    """The share of the slope that was granted, and what of a row tells of motion, force and energy. Where no slope is
+    followed none is softened."""
     traces = [press(cell, ideal) for ideal in (True, False)]
+    followed = Coupling(cell.coupling) in (Coupling.LOCAL, Coupling.IN_LOOP)
     return (
-        min(trace.granted(SETTLED) for trace in traces),
+        min(trace.granted(SETTLED) for trace in traces) if followed else 1.0,
         1e3 * max(trace.peak_to_peak(SETTLED) for trace in traces),
         max(trace.max_slew for trace in traces),
         min(trace.lowest_energy for trace in traces),

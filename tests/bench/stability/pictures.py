@@ -80,8 +80,8 @@ def _limits(axes, rows: Sequence[Row], hand: str, latency: float) -> None:
             textcoords="offset points",
             ha="right",
         )
-    axes.set(xscale="log", yscale="log", xticks=PERIODS, ylim=(20.0, 15000.0))
-    axes.set_xticks(PERIODS, [f"{period:g}" for period in PERIODS])
+    axes.set(xscale="log", yscale="log", ylim=(20.0, 15000.0))
+    axes.set_xticks(PERIODS, [f"{period:g}" for period in PERIODS], fontsize=7)
     axes.minorticks_off()
 
 
