@@ -7,10 +7,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from repousse.core import DensityGrid
 from repousse.core.poses import LEAST_MOVE
 from tests.core.volumes import net_moved
 
-from ..contact import RADIUS, VOXEL, above, block, coming, pushed, run
+from ..contact import MIDDLE, RADIUS, SIDE, VOXEL, above, block, coming, pushed, run
 from ..figure import Figure, exactly
 
 MINUTE = 60_000
@@ -51,4 +52,17 @@ def resting(minute: int = MINUTE) -> Iterator[Figure]:
         yield Figure(case, "moved in the rest", net_moved(settled, grid.density) / made, "of the press", CREEP)
 
 
-CASES = (resting,)
+def resting_overloaded() -> Iterator[Figure]:
+    """At rest where the overload could not be relaxed, for there is no room: it is not tried again and again."""
+    grid = DensityGrid(np.ones((SIDE,) * 3, np.float32))
+    push = pushed(grid)
+    for step in range(5):
+        contact = push.move_to((MIDDLE + 0.4 * step, MIDDLE + 0.3 * step, MIDDLE))
+    before = grid.density.copy()
+    moved = sum(push.move_to(push.position).sweeps for _ in range(1000))
+    yield Figure("at rest, overloaded", "overload", contact.residual, "N", at_least=0.1)
+    yield exactly("at rest, overloaded", "sweeps in a thousand poses", float(moved), 0.0)
+    yield exactly("at rest, overloaded", "voxels that changed", float((grid.density != before).sum()), 0.0)
+
+
+CASES = (resting, resting_overloaded)
