@@ -2,9 +2,10 @@
 # Every command first sets up what it needs, from PyPI alone; .ci/setup does only what has changed since.
 SHELL := bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo demo-haptic test test-blender test-window figures bench chart package lint clean
+.PHONY: help setup demo demo-haptic test test-blender test-window figures bench chart stability package lint clean
 
 BPY ?=
+PAGE ?=
 BLENDER ?= blender
 INPUT ?=
 PLATFORMS ?= all
@@ -28,6 +29,7 @@ help:
 	@echo 'make figures                     the figures of the paper, into out/figures'
 	@echo 'make bench                       speed, into out/bench'
 	@echo 'make chart [ONLY=sweep,carve] [PAGE=1]  speed against accuracy, into out/chart; PAGE=1 also into tests/bench/README.md'
+	@echo 'make stability [PAGE=1]          which couplings shake an arm, and which do not, into out/stability; PAGE=1 renews tests/bench/STABILITY.md'
 	@echo 'make package [PLATFORMS=...]     the extension, dist/repousse-VERSION.zip; PLATFORMS=linux-x64,windows-x64 for those alone'
 	@echo 'make lint                        style and types'
 	@echo 'make setup                       only the environment that all of these use'
@@ -61,6 +63,9 @@ bench: setup
 
 chart: setup
 	@$(PYTHON) -m tests.bench.chart $(if $(ONLY),--only "$(ONLY)") $(if $(PAGE),--page)
+
+stability: setup
+	@$(PYTHON) -m tests.bench.stability $(if $(PAGE),--page)
 
 package: setup
 	@$(PYTHON) .ci/package.py --platforms "$(PLATFORMS)" --out dist

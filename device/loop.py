@@ -22,13 +22,24 @@ from typing import Any
 
 from . import kinematics, reports, safety
 from .child import load_hidapi, read_config
-from .force import felt_force
+from .force import felt_force, surface_known
 from .hid_bus import EMULATED, OpenError, UnpluggedError, Wire
 from .lock import InUseError, held
 from .measure import Parts, count
 from .pace import Pace, first_in_line
 from .profile import DeviceProfile, Link, ProfileError, from_json
-from .protocol import PERIOD_BIN, WORK_BIN, ArmState, Figures, ForceModel, ProtocolError, Request, SharedMemory, Triple
+from .protocol import (
+    PERIOD_BIN,
+    WORK_BIN,
+    ArmState,
+    Coupling,
+    Figures,
+    ForceModel,
+    ProtocolError,
+    Request,
+    SharedMemory,
+    Triple,
+)
 from .safety import Fault, State, fault_text
 
 PERIOD = 1e-3
@@ -71,7 +82,8 @@ class Loop:
         self._clock = time.perf_counter
         self._limits = safety.limits_of(profile, link)
         self._request = memory.request.read()
-        self._model = self._former_model = memory.model.read()
+        self._model = self._former_model = self._surface = memory.model.read()
+        self._taken = 0.0  # when the model came
         self._totals: reports.Counts | None = None  # unwrapped
         self._offset: reports.Counts = (0, 0, 0)  # what homing adds to them, where the firmware cannot
         self._counts: Triple = _ZERO
@@ -228,15 +240,18 @@ class Loop:
     def _answer(self, model: ForceModel, now: float, dt: float) -> Triple:
         """The motor currents that render the local model here, within every limit."""
         if model is not self._model:
-            self._former_model, self._model = self._model, model
+            self._former_model, self._model, self._taken = self._model, model, now
+            self._surface = surface_known(model, self._surface)
+        local = self._request.coupling is Coupling.LOCAL
         felt = felt_force(
-            None if self._request.clutch else model,
+            None if self._request.clutch else self._surface if local else model,
             self._former_model,
             self._position,
             self._velocity,
             now,
             self._limits,
             self._request.coupling,
+            self._taken,
         )
         self._felt = felt
         if felt.fault:

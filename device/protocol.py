@@ -42,7 +42,7 @@ from typing import Generic, NamedTuple, TypeVar
 from .safety import Fault, State
 
 MAGIC = b"REPOUSSE"
-VERSION = 2
+VERSION = 3
 TRIES = 20
 """How often a reader tries to see a record whole."""
 HEADER = struct.Struct("=8sIIQ")
@@ -76,7 +76,8 @@ class ForceModel(NamedTuple):
     ``stress`` and ``yield_stress`` in N, ``gradient`` in N/m, ``normal`` points out of the material and is at most 1
     long, ``damping`` along it in N s/m. ``scene`` rises when the grid, the tool, the material or the frame was changed
     by anything but the stroke itself; 0: nothing is there to be felt. ``exponent``: where it is under 1, the stress has
-    grown as this power up to here, and so by gradient / exponent on average.
+    grown as this power up to here, and so by gradient / exponent on average. ``turning_x``, ``turning_y`` and
+    ``turning_z`` are the derivatives of the normal, 1/m, by the place of the tip.
     """
 
     time: float = 0.0
@@ -88,6 +89,9 @@ class ForceModel(NamedTuple):
     scene: int = 0
     damping: float = 0.0
     exponent: float = 1.0
+    turning_x: Triple = _ZERO
+    turning_y: Triple = _ZERO
+    turning_z: Triple = _ZERO
 
 
 class Request(NamedTuple):

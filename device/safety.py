@@ -45,8 +45,10 @@ SMALL_FORCE = 0.2
 """Newtons below which a force may engage: so CHAI3D's cGenericTool waits for one before it gives any."""
 RAMP_TIME = 1.5
 """Seconds in which an engagement gets to its full force."""
-FADE_FROM, FADE_TO = 0.05, 0.1
-"""Seconds of a model's age at which the force begins to fade, and is gone."""
+FADE_FROM, FADE_TO = 0.09, 0.1
+"""Seconds of a model's age at which the force begins to fade, and is gone. Ages that come round with every model are
+below: a collision each 33 ms, late by as much and at times by half a period more, makes models of 82 ms, and a force
+that fades and comes back with each of them would shake the hand (tests/bench/STABILITY.md)."""
 STALE_SENSOR = 0.02
 """Seconds without a report after which nobody knows where the arm is."""
 ANSWER_TIME = 1.0

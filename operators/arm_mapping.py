@@ -138,6 +138,11 @@ class ArmMapping:
         normal = (a[0] * x + b[0] * y + c[0] * z, a[1] * x + b[1] * y + c[1] * z, a[2] * x + b[2] * y + c[2] * z)
         length = hypot(*normal)
         share = hypot(x, y, z) / length if length > 0.0 else 0.0
+        turned = [_carried(self._there, row, share) for row in model.turning]  # by each axis of the grid
+        turning_x, turning_y, turning_z = (
+            vector(sum(row[k] * there[j] for row, there in zip(turned, self._there, strict=True)) for k in range(3))
+            for j in range(3)
+        )
         return ForceModel(
             time=model.time,
             position=self.place(model.position),
@@ -147,6 +152,9 @@ class ArmMapping:
             normal=(normal[0] * share, normal[1] * share, normal[2] * share),
             scene=scene,
             exponent=model.exponent,
+            turning_x=turning_x,
+            turning_y=turning_y,
+            turning_z=turning_z,
         )
 
 
@@ -156,6 +164,16 @@ _Row = tuple[float, float, float, float]
 def _rows(matrix: np.ndarray) -> tuple[_Row, _Row, _Row]:
     a, b, c = (tuple(row) for row in matrix[:3].tolist())
     return a, b, c
+
+
+def _carried(rows: tuple[_Row, _Row, _Row], by: Vector, share: float) -> Vector:
+    """What is told per voxel, by the transpose of the map, times a share."""
+    (a, b, c), (x, y, z) = rows, by
+    return (
+        share * (a[0] * x + b[0] * y + c[0] * z),
+        share * (a[1] * x + b[1] * y + c[1] * z),
+        share * (a[2] * x + b[2] * y + c[2] * z),
+    )
 
 
 def _moved(rows: tuple[_Row, _Row, _Row], point: Vector) -> Vector:

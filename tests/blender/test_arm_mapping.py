@@ -152,3 +152,17 @@ def test_a_workspace_without_size_is_refused(span, reach):
 def test_a_workspace_nowhere_is_refused():
     with pytest.raises(ValueError, match="finite"):
         Workspace.in_view(np.eye(4), (0.0, np.inf, 0.0), 1.0, REACH)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_normal_turns_with_the_arm_as_it_does_in_the_grid(mirrored):
+    """Told at a place, and told anew where the arm has gone: the same normal."""
+    mapping, turning = similar(4, mirrored=mirrored), tuple(map(tuple, np.random.default_rng(5).normal(0, 0.1, (3, 3))))
+    model = replace(felt(), turning=turning)
+    told = mapping.force_model(model, 1)
+    way = np.array((0.002, -0.001, 0.003))
+    there = mapping.position(tuple(np.array(told.position) + way))
+    gone = np.array(there) - model.position
+    anew = mapping.force_model(replace(model, normal=tuple(np.array(model.normal) + gone @ np.array(turning))), 1)
+    moved = np.array(told.normal) + way @ np.array((told.turning_x, told.turning_y, told.turning_z))
+    assert moved == pytest.approx(np.array(anew.normal), abs=1e-12)
