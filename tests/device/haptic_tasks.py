@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the hand of haptic_stroke.py is given to do: press a punch into a column, and draw a groove in clay.
 
-Forces stay below what the arm's motors bear for ever, about 1.5 N where it works here, and slopes below what its loop
-grants a model of 20 ms, about 500 N/m, so that what is felt is the material and none of the arm's limits.
+Forces stay below what the arm's motors bear for ever, about 1.5 N where it works here, and slopes below what it renders,
+800 N/m, so that what is felt is the material and none of the arm's limits.
 """
 
 from dataclasses import dataclass, replace
