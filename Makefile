@@ -2,13 +2,15 @@
 # Every command first sets up what it needs, from PyPI alone; .ci/setup does only what has changed since.
 SHELL := bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo demo-haptic test test-blender test-window figures bench stability package lint clean
+.PHONY: help setup demo demo-haptic test test-blender test-window figures bench chart stability package lint clean
 
 BPY ?=
 PAGE ?=
 BLENDER ?= blender
 INPUT ?=
 PLATFORMS ?= all
+ONLY ?=
+PAGE ?=
 TESTS ?= tests --ignore tests/bench
 
 VENV := .venv$(if $(BPY),-bpy$(BPY))
@@ -26,6 +28,7 @@ help:
 	@echo 'make test-window BLENDER=PATH [TESTS="undo_* esc_*"]  strokes by mouse and keys in a Blender with a window; pictures in out/window'
 	@echo 'make figures                     the figures of the paper, into out/figures'
 	@echo 'make bench                       speed, into out/bench'
+	@echo 'make chart [ONLY=sweep,carve] [PAGE=1]  speed against accuracy, into out/chart; PAGE=1 also into tests/bench/README.md'
 	@echo 'make stability [PAGE=1]          which couplings shake an arm, and which do not, into out/stability; PAGE=1 renews tests/bench/STABILITY.md'
 	@echo 'make package [PLATFORMS=...]     the extension, dist/repousse-VERSION.zip; PLATFORMS=linux-x64,windows-x64 for those alone'
 	@echo 'make lint                        style and types'
@@ -57,6 +60,9 @@ figures: setup
 bench: setup
 	@mkdir -p out/bench
 	@BLENDER="$(BLENDER)" $(PYTEST) tests/bench --benchmark-json "out/bench/$$(date +%Y%m%d-%H%M%S).json"
+
+chart: setup
+	@$(PYTHON) -m tests.bench.chart $(if $(ONLY),--only "$(ONLY)") $(if $(PAGE),--page)
 
 stability: setup
 	@$(PYTHON) -m tests.bench.stability $(if $(PAGE),--page)

@@ -15,6 +15,7 @@ from math import copysign, inf
 import numpy as np
 
 from .native.state import DONE, GROW, NEEDS_GROWTH, OPEN, ORDERS, Workspace
+from .native.structures import Sweep
 from .plasticity import box_around
 from .tool import Shape, Vector, vector
 
@@ -23,6 +24,15 @@ DISPERSION = 0.3
 
 SHELL = 0.5
 """Thickness in voxels of the shells that are emptied one after another."""
+
+FAR = 1.5
+"""Where the flux may begin to leap, in half lengths of the tool ahead of its centre: by then it is smooth."""
+
+HOLE = 4
+"""Voxels between the taps of the kernel that the flux leaps by."""
+
+LEAP = HOLE**2
+"""Planes in a leap: as many as that kernel is wider, squared, for spreading is diffusion."""
 
 NEGLIGIBLE = np.float32(1e-4)
 """Flux below this at an edge of the window is folded inward, never dropped."""
@@ -54,13 +64,18 @@ def dominant_axis(direction: Vector) -> int:
     return lengths.index(max(lengths))
 
 
-def spreading(direction: Vector, axis: int) -> Spreading:
-    """The spreading kernel for unit direction u: mean s = (u_b, u_c)/|u_a|, covariance (D/|u_a|)(I + s s^T)."""
-    per_plane = 1.0 / abs(direction[axis])
+def spreading(direction: Vector, axis: int, hole: int = 1) -> Spreading:
+    """The spreading kernel for unit direction u: mean s = (u_b, u_c)/|u_a|, covariance (D/|u_a|)(I + s s^T).
+
+    With a ``hole`` of h voxels from tap to tap it is that of h^2 planes at once: both are h^2 times as large, so that
+    but for the mean its weights are the same.
+    """
+    per_plane, planes = 1.0 / abs(direction[axis]), hole * hole
     shear = [direction[across] * per_plane for across in ORDERS[axis][1:]]
-    shift = [int(s + copysign(0.5, s)) for s in shear]  # symmetric at ties, as round-half-even is not
+    shift = [int(planes * s + copysign(0.5, s)) for s in shear]  # symmetric at ties, as round-half-even is not
     (b_low, b_here, b_high), (c_low, c_here, c_high) = (
-        _three_weights(s - m, DISPERSION * per_plane * (1.0 + s * s)) for s, m in zip(shear, shift, strict=True)
+        _three_weights((planes * s - m) / hole, DISPERSION * per_plane * (1.0 + s * s))
+        for s, m in zip(shear, shift, strict=True)
     )
     # The covariance of b and c goes on the corners, as far as none of them becomes negative.
     corner = DISPERSION * per_plane * shear[0] * shear[1] / 4.0
@@ -149,14 +164,21 @@ def forget_emptied(work: Workspace) -> None:
         work.emptied_box[:] = 0.0
 
 
-def aim(work: Workspace, direction: Vector, axis: int, border: int, band: float | None) -> None:
-    """Make ready for sweeps along unit vector ``direction``; ``band`` is in voxels ahead of the tool."""
+def aim(work: Workspace, direction: Vector, axis: int, border: int, band: float | None, leap: bool = False) -> None:
+    """Make ready for sweeps along unit vector ``direction``; ``band`` is in voxels ahead of the tool. Where flux may
+    ``leap``, it goes through full material far from the tool by :data:`LEAP` planes at once."""
     sweep, kernel = work.sweep, spreading(direction, axis)
     sweep.direction[:] = direction
     sweep.weights[:] = kernel.weights
     sweep.shift[:] = kernel.shift
     sweep.border = border
     sweep.limit = inf if band is None else band + _front(work.volume, direction)
+    sweep.hole = HOLE if leap else 0
+    if leap:
+        kernel = spreading(direction, axis, HOLE)
+        sweep.leap_weights[:] = kernel.weights
+        sweep.leap_shift[:] = kernel.shift
+    sweep.far = FAR * work.volume.extent[axis]
 
 
 def sweep_emptied(work: Workspace) -> None:
@@ -312,6 +334,10 @@ def _sweep_numpy(work: Workspace) -> int:
             if none_under_way and not has_sources:
                 state.plane += step
                 continue
+            if (last_source - state.plane) * step < 0 and _may_leap(work, order, planes, step):
+                _leap(work, step)
+                state.plane += step
+                continue
             _spread(work, has_sources)
             _trim(work)
             state.spread_done = 1
@@ -322,11 +348,55 @@ def _sweep_numpy(work: Workspace) -> int:
         state.planes += 1
         if work.flux.size:
             state.visited += work.flux.size
+            state.read += work.flux.size
             _stop_at_band(work, order)
             _fill_plane(work, order, planes[state.plane])
         if not work.flux.any():
             state.window[1] = state.window[0]
         state.plane += step
+
+
+def _leap_window(state: Sweep) -> list[int]:
+    """Where a leap may carry the flux."""
+    w, shift, hole = state.window, state.leap_shift, state.hole
+    return [
+        *(w[0] + min(0, shift[0] - hole), w[1] + max(0, shift[0] + hole)),
+        *(w[2] + min(0, shift[1] - hole), w[3] + max(0, shift[1] + hole)),
+    ]
+
+
+def _may_leap(work: Workspace, order: tuple[int, int, int], planes: np.ndarray, step: int) -> bool:
+    """Whether the flux may leap from the plane before this one: far from the tool, through full material inside the
+    grid. A band may lie on the way: nothing is laid there, and all that is over it is surplus in the next plane."""
+    state = work.sweep
+    end = state.plane + step * (state.hole**2 - 1)
+    if not state.hole or step * (state.plane - work.tool.centre[order[0]]) < state.far:
+        return False
+    b0, b1, c0, c1 = _leap_window(state)
+    inside = min(end, b0, c0) >= 0 and end < planes.shape[0] and b1 <= planes.shape[1] and c1 <= planes.shape[2]
+    if not inside:
+        return False
+    return bool((planes[min(state.plane, end) : max(state.plane, end) + 1, b0:b1, c0:c1] == np.float32(1.0)).all())
+
+
+def _leap(work: Workspace, step: int) -> None:
+    """The flux on the plane to which it leaps."""
+    state, hole = work.sweep, work.sweep.hole
+    rows, columns = work.flux.shape
+    weights = np.array(state.leap_weights[:], np.float32).reshape(3, 3)
+    grown = np.zeros((rows + 2 * hole, columns + 2 * hole), np.float32)
+    for i in range(3):
+        for j in range(3):
+            if weights[i, j]:
+                grown[i * hole : i * hole + rows, j * hole : j * hole + columns] += weights[i, j] * work.flux
+    work.flux = grown
+    for side, shift in enumerate(state.leap_shift):
+        state.window[2 * side] += shift - hole
+        state.window[2 * side + 1] += shift + hole
+    _trim(work)
+    state.plane += step * (hole**2 - 1)
+    state.planes += 1
+    state.visited += work.flux.size
 
 
 def _spread(work: Workspace, has_sources: bool) -> None:

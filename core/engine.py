@@ -16,8 +16,8 @@ so it gets its answer also when solves follow each other without a gap.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import ceil, dist, hypot
 from threading import Event, Lock, Thread
@@ -30,7 +30,8 @@ from .history import History
 from .local_model import Feeler, LocalModel
 from .plasticity import Regime
 from .poses import Pose, Poses, way
-from .push import LONGEST_STEP, Contact, Push
+from .push import Contact, Push
+from .quality import Auto, Choice, Quality, quality_named
 from .stroke import Sample
 from .symmetry import SymmetricPush
 from .tool import vector
@@ -72,6 +73,8 @@ class Engine:
         What :meth:`cancel` restores; by default the push remembers from now on.
     hand
         Whose poses these are, and who is told what is felt; without one they are fed.
+    quality
+        The name of one, or an :class:`Auto` that chooses one for each solve; the samples as they were solved have it.
     deform
         False: feel only. There is no deformation thread and no history, the push is not moved, no voxel changes.
 
@@ -82,12 +85,15 @@ class Engine:
     model
         The newest :class:`LocalModel`; None before the first, and when no thread keeps it fresh any more.
     solved
-        The samples as they were solved, at most half a voxel apart: a Stroke of them leads to the same voxels.
+        The samples as they were solved, at most half a voxel apart (draft: a whole one): a Stroke of them leads to the
+        same voxels, whatever was chosen by the clock.
     trace
         For each of these (depth in voxels, sigma, sigma_f in newtons). Depth is the way along the sample's direction,
         or against the force where it has none, since the tool came into the material.
     mass_out
         What has left the grid, in voxels' worth.
+    choice
+        What an Auto has chosen last, and why; None without one.
     failure
         What a thread raised; :meth:`finish` raises it.
 
@@ -100,8 +106,12 @@ class Engine:
         history: History | None = None,
         hand: Hand | None = None,
         deform: bool = True,
+        quality: str | Auto = "exact",
     ) -> None:
         self.push, self.hand, self.deform = push, hand, deform
+        self._auto = quality if isinstance(quality, Auto) else None
+        self._quality = quality_named("exact" if isinstance(quality, Auto) else quality)
+        self.choice: Choice | None = None
         if deform and history is None:
             history = push.remember()
         self.history = history if deform else None
@@ -264,7 +274,7 @@ class Engine:
         """The deformation thread."""
         while (pose := self._poses.take()) is not None:
             with self._turn.at_work():
-                for sample in way(self.solved[-1] if self.solved else None, pose):
+                for sample in self._steps_to(pose):
                     if self._stop.is_set():
                         return
                     self._solve(sample)
@@ -272,10 +282,36 @@ class Engine:
                     if self.hand is not None and self._poses.any_wait:
                         break  # by now the hand is elsewhere: straight there
 
+    def _steps_to(self, pose: Pose) -> Iterator[Sample]:
+        """The samples to solve on the way to a pose, each with its quality."""
+        longest = 0.0
+        sample: Sample | None = None
+        steps: Iterator[Sample] = iter(())
+        while sample is not pose.sample:
+            last = self.solved[-1] if self.solved else None
+            quality = self._quality_on_way(last, pose)
+            if quality.longest_step != longest:
+                longest, steps = quality.longest_step, way(last, pose, quality.longest_step)
+            sample = next(steps)
+            yield sample if sample.quality == quality.name else replace(sample, quality=quality.name)
+
+    def _quality_on_way(self, last: Sample | None, pose: Pose) -> Quality:
+        if self._auto is None:
+            return self._quality
+        ahead = self._poses.beyond(pose)
+        if last is not None and not pose.jump:
+            ahead += dist(last.position, pose.sample.position)
+        self.choice = self._auto.choose(self.push.flow, pose.tool.radius, ahead)
+        return self.choice.quality
+
     def _solve(self, sample: Sample) -> None:
-        began = perf_counter()
+        clock, flow = (self._auto.clock if self._auto else perf_counter), self.push.flow
+        began = clock()
         contact = self.push.walk(sample)
-        self._longest_solve = max(self._longest_solve, perf_counter() - began)
+        seconds = clock() - began
+        self._longest_solve = max(self._longest_solve, seconds)
+        if self._auto is not None and contact.sweeps:  # what moves nothing tells nothing
+            self._auto.learn(quality_named(sample.quality), flow, seconds)
         depth, dirty = self._depth(sample, contact), [met.dirty for met in self.push.contacts]
         with self._results:
             self.contact = contact
@@ -290,7 +326,9 @@ class Engine:
         if Regime.NONE in (self.contact.regime, contact.regime) or not self.solved:
             return 0.0
         start = self.solved[-1].position
-        if dist(start, sample.position) > 2.0 * LONGEST_STEP:  # a jump: the tool was lifted
+        if (
+            dist(start, sample.position) > 2.0 * quality_named(sample.quality).longest_step
+        ):  # a jump: the tool was lifted
             return 0.0
         along = sample.direction or vector(-contact.force / max(hypot(*contact.force), TINY))
         way = zip(start, sample.position, along, strict=True)

@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from threading import Lock
 
 import numpy as np
 
-BRICK = 8
-"""Edge of a brick in voxels. A grid grows, and remembers what it was, in whole bricks (OpenVDB's leaf is 8 as well)."""
+from .bricks import BRICK, BrickMap
 
 CUBIC_TOLERANCE = 0.01
 """Voxel edges that differ by less than this share are taken as equal (DESIGN 2)."""
 
 Box = tuple[tuple[int, int, int], tuple[int, int, int]]
 """A half-open box of voxels: (lowest index, one past the highest index)."""
+
+_swapping = Lock()
+"""Held while a grid gets another array: its map must be that array's, whichever thread asks."""
 
 
 def union(first: Box | None, second: Box | None) -> Box | None:
@@ -48,6 +51,7 @@ class DensityGrid:
         What a reader did to the data on its way in (window, resampling), a sentence each, to be told to the user.
 
     :attr:`grown` counts the voxels (x, y, z) ever added before the first ones, by which all who hold indices follow.
+    Who writes into ``density`` in place says so to :attr:`bricks`.
 
     Raises
     ------
@@ -63,6 +67,7 @@ class DensityGrid:
     notes: list[str] = field(default_factory=list)
     copy: bool = field(default=True, repr=False)
     grown: tuple[int, int, int] = field(default=(0, 0, 0), init=False, repr=False)
+    _bricks: BrickMap | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         given = np.asarray(self.density)
@@ -100,6 +105,19 @@ class DensityGrid:
         """Sum of density in voxels' worth, accumulated in float64 (DESIGN 2)."""
         return float(self.density.sum(dtype=np.float64))
 
+    @property
+    def bricks(self) -> BrickMap:
+        """Which bricks of ``density`` are empty or full; all who work with the grid share it."""
+        with _swapping:
+            if self._bricks is None or self._bricks.density is not self.density:
+                self._bricks = BrickMap(self.density)
+            return self._bricks
+
+    def swap(self, bricks: BrickMap) -> None:
+        """Live in another array from now on, that of ``bricks``."""
+        with _swapping:
+            self.density, self._bricks = bricks.density, bricks
+
     def grow(self, below: tuple[int, int, int], above: tuple[int, int, int]) -> None:
         """Pad with empty voxels: ``below`` before the first and ``above`` after the last index of each axis.
 
@@ -108,7 +126,10 @@ class DensityGrid:
         nx, ny, nz = self.shape
         grown = np.zeros([n + lo + hi for n, lo, hi in zip(self.shape, below, above, strict=True)], np.float32)
         grown[below[0] : below[0] + nx, below[1] : below[1] + ny, below[2] : below[2] + nz] = self.density
-        self.density = grown
+        if any(b % BRICK for b in below):
+            self.density = grown  # and there is no map of it yet
+        else:
+            self.swap(self.bricks.grown(grown, below))
         self.grown = (self.grown[0] + below[0], self.grown[1] + below[1], self.grown[2] + below[2])
         self.transform = self.transform.copy()
         self.transform[:3, 3] -= self.transform[:3, :3] @ np.array(below, dtype=np.float64)

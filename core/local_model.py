@@ -55,7 +55,8 @@ class Feeler:
     def __init__(self, push: Push | SymmetricPush) -> None:
         self.estimates = 0
         self._push = push
-        self._probe, self._aside = Probe(push.grid.density), Probe(push.grid.density)
+        bricks = push.grid.bricks
+        self._probe, self._aside = Probe(bricks.density, bricks), Probe(bricks.density, bricks)
         self._tool: Tool | None = None
         self._asked: tuple[int, Vector, Tool] | None = None  # what the last answer holds for
         self._model: LocalModel | None = None
@@ -85,7 +86,7 @@ class Feeler:
 
     def _estimate(self, position: Vector, tool: Tool) -> None:
         """Into the probe; nonsense, but harmless, when the grid grows meanwhile."""
-        probe, density, origin = self._probe, self._push.grid.density, self._push.origin
+        probe, bricks, origin = self._probe, self._push.grid.bricks, self._push.origin
         if tool is not self._tool:
             self._tool = tool
             probe.take_up(tool)
@@ -93,9 +94,9 @@ class Feeler:
             self._aside.surroundings = self._aside.volume  # nobody asks how hard it is there
             self._aside.tool.surroundings = shape_state(self._aside.volume)
             self._k_t, self._k_s = self._push.material.stiffness(tool)
-        if density is not probe.density:
-            probe.attach(density)
-            self._aside.attach(density)
+        if bricks is not probe.bricks:
+            probe.attach(bricks.density, bricks)
+            self._aside.attach(bricks.density, bricks)
         probe.tool.centre[:] = [p - o for p, o in zip(position, origin, strict=True)]
         estimate(probe)
         self.estimates += 1

@@ -100,3 +100,58 @@ PRESETS = {
     "snow": Preset(Material(0.9, 0.06), 0.55, None, "loose; sinks in easily and packs into a crust ahead of the tool"),
 }
 """The materials that artists pick from, each with a line on what it feels like."""
+
+
+@dataclass(frozen=True)
+class Packing:
+    """How a block is filled and pushed so that it dents like a given solid: its ``density``, and a push's ``rim`` and
+    ``band``, this in tool radii; None: what is pushed in only compacts."""
+
+    density: float
+    band: float | None
+    rim: float
+
+
+ROOM_IN_STRAIN, FIRM_STRAIN = 3.8, 0.002
+"""Room for each Y / E beyond that of a solid so stiff that its far field takes nothing."""
+ROOM_IN_HARDENING, FIRM_HARDENING = 1.2, 0.01
+"""The same for each H / E."""
+NARROWEST_RIM, WIDEST_RIM = 1.35, 4.0
+"""Of the hats, in contact radii."""
+LOOSEST = 0.6
+"""Least density of what is not foam."""
+
+
+def packing(young_modulus: float, yield_stress: float, hardening: float = 0.0, filled: float = 1.0) -> Packing:
+    """The packing whose rim is that of an elastoplastic solid under a sphere, as finite elements have it.
+
+    ``young_modulus`` E, ``yield_stress`` Y and ``hardening`` H (what plastic strain adds to Y) share a unit. ``filled``
+    is the share of its volume that is solid: below 1 it is a foam, which only compacts.
+
+    Of what is pressed in, the elastic far field takes the more the greater the strain at which it yields: so much room
+    does the block get, 1 - d0 = 3.8 (Y/E - .002) + 1.2 (H/E - .01), neither term below 0. What hardens also spreads the
+    rest farther: rim = 1.35 (1 + H/Y) contact radii, at most 4. The band is one radius.
+
+    On trial against such elements (tests/bench/truths) with tools of 32 to 64 voxels, E/Y of 50 to 500 and H of 0 to
+    E/10: at depths of .15 to .3 R the rim is within .063 of the depth of theirs, before that within .112, which is a
+    fifth of a voxel; where it is highest is within .05 R, or .11 R on the flat rim of what hardens. What they have and
+    a push has not is the surface that sinks in around the contact, by about a quarter of the depth where no rim stands.
+
+    Raises
+    ------
+    ValueError
+        When E or Y is not positive, H negative, or ``filled`` not above 0 and at most 1.
+    """
+    for what, value in (("young_modulus", young_modulus), ("yield_stress", yield_stress)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ValueError(f"{what} is a positive number, not {value:g}")
+    if not (np.isfinite(hardening) and hardening >= 0.0):
+        raise ValueError(f"hardening is a number from 0 up, not {hardening:g}")
+    if not 0.0 < filled <= 1.0:
+        raise ValueError(f"filled is a share above 0 and at most 1, not {filled:g}")
+    if filled < 1.0:
+        return Packing(filled, None, NARROWEST_RIM)
+    room = ROOM_IN_STRAIN * max(yield_stress / young_modulus - FIRM_STRAIN, 0.0)
+    room += ROOM_IN_HARDENING * max(hardening / young_modulus - FIRM_HARDENING, 0.0)
+    widened = min(NARROWEST_RIM * (1.0 + hardening / yield_stress), WIDEST_RIM)
+    return Packing(max(1.0 - room, LOOSEST), 1.0, widened)

@@ -116,8 +116,10 @@ def _estimate_numpy(work: Probe) -> None:
     centre, result = work.tool.centre[:], work.estimate
     box, offsets = box_around(work.surroundings, centre, work.density.shape)
     both = float((work.surroundings.coverage(*offsets) * work.density[box]).sum())
+    result.read = work.density[box].size
     box, offsets = box_around(work.volume, centre, work.density.shape)
     density, covered = work.density[box], work.volume.coverage(*offsets)
+    result.read += density.size
     result.tool_mass = float((covered * density).sum())
     result.reach_mass = both - result.tool_mass
     skin = np.nonzero((covered > 0.0) & (covered < 1.0) & (density > 0.0))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from math import ceil, dist, inf, isfinite
 from threading import Condition
 
-from .push import LONGEST_STEP
+from .quality import LONGEST_STEP
 from .stroke import Sample
 from .tool import Tool, vector
 
@@ -82,6 +82,13 @@ class Poses:
         self._last = pose.sample
         self._news.notify_all()
 
+    def beyond(self, pose: Pose) -> float:
+        """Voxels of way from a pose through all those that wait after it; a jump is none."""
+        with self._news:
+            waiting = tuple(self._waiting)
+        ways = zip((pose, *waiting), waiting, strict=False)
+        return sum(dist(a.sample.position, b.sample.position) for a, b in ways if not b.jump)
+
     @property
     def any_wait(self) -> bool:
         """Whether there is a pose to be taken at once."""
@@ -122,13 +129,13 @@ class Poses:
         return not self._waiting and not self._solving
 
 
-def way(start: Sample | None, pose: Pose) -> Iterator[Sample]:
-    """The samples to solve on the way from ``start`` to a pose, at most half a voxel apart; after a jump only its end,
-    before which the push lifts the tool."""
+def way(start: Sample | None, pose: Pose, longest: float = LONGEST_STEP) -> Iterator[Sample]:
+    """The samples to solve on the way from ``start`` to a pose, at most ``longest`` voxels apart; after a jump only its
+    end, before which the push lifts the tool."""
     end = pose.sample
     length = 0.0 if start is None else dist(start.position, end.position)
     if start is not None and not (pose.jump and length > 2.0 * pose.tool.radius):
-        steps = max(1, ceil(length / LONGEST_STEP - 1e-9))  # half a voxel is one step, however it rounds
+        steps = max(1, ceil(length / longest - 1e-9))  # half a voxel is one step, however it rounds
         for step in range(1, steps):
             yield _between(start, end, step / steps)
     yield end

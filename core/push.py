@@ -15,11 +15,13 @@ import numpy as np
 
 from . import dispersion, rim
 from . import smooth as smoothing
-from .grid import BRICK, Box, DensityGrid, union
+from .bricks import BRICK
+from .grid import Box, DensityGrid, union
 from .history import History
 from .material import Material, largest_yield_ratio
 from .native.state import BORDERS, NEEDS_GROWTH, ORDERS, Workspace, box_from, no_box
 from .plasticity import Regime, contact_normal, estimate, felt_force, overloaded, regime_of, stresses
+from .quality import quality_named
 from .recursion import disperse_recursively
 from .tool import Tool, Vector, unit, vector
 
@@ -28,20 +30,18 @@ if TYPE_CHECKING:
 
 METHODS = ("sweep", "recursive")
 VERBS = ("push", "pull", "smooth")
-LONGEST_STEP = 0.5
-"""Voxels of travel to a solve, at most: thin sheets are not jumped."""
 SAME_DIRECTION = 1e-9
 """Distance of two unit vectors that differ by rounding only."""
 TURNING_STEP = 0.25
 """Voxels of travel, since it last told the direction of a dispersion, from which on it tells it again."""
 RETREAT = 0.5
 """Component of a way along the outward contact normal above which the tool is drawn back."""
-MOST_SWEEPS = 4
-"""Sweeps to a solve: the first, and at most three that correct for what left the reach."""
 GROWTH_SHARE = 64
 """A side grows by a brick for each so many voxels along it, an eighth: the copy that each growth costs stays rare."""
 GIVEN = 0.999
 """Share of what was wanted below which packed material has given all it can."""
+NO_ROOM_WITHIN = 4.0
+"""Half lengths of the tool ahead of its centre: flux that goes on beyond them has met full material."""
 BLOCKED = 1e-3
 """Share of what was emptied that has to come back before the tool counts as blocked."""
 
@@ -89,11 +89,13 @@ class Push:
     rim
         Radius of the rim's hats in contact radii.
     wake
-        Tool radii behind the tool that the rim keeps clear.
+        Tool radii behind the tool that the rim keeps clear; it keeps clear as far as the tool came since it touched.
     verb
         "push"; "pull": material comes out of the tool along the direction that a move gives, until what is left has a
         density lower than that around it by the move's strength, always by sweeps and without a band; "smooth": density
         evens out inside the tool, once for each quarter radius of travel.
+    quality
+        "exact", "balanced" or "draft": what a step may cost (core/quality.py), where a move does not say.
 
     Poses and dirty boxes stay in the index frame that the grid had when the push was made; :attr:`origin` is where the
     first voxel of the grid lies in that frame. Several pushes may share a grid: each follows when
@@ -119,6 +121,7 @@ class Push:
         rim: float = 2.0,
         wake: float = 1.0,
         verb: str = "push",
+        quality: str = "exact",
     ) -> None:
         if method not in METHODS:
             raise ValueError(f'there is no method "{method}": choose from {", ".join(METHODS)}')
@@ -129,17 +132,18 @@ class Push:
         for what, value in (("band", 0.0 if band is None else band), ("rim", rim), ("wake", wake)):
             if not _is_length(value):
                 raise ValueError(f"{what} is a number from 0 up, not {value!r}")
-        if not any(plane.any() for plane in grid.density):  # as soon as there is some: a stroke begins with this
+        if grid.bricks.empty:
             raise ValueError("the grid is empty: no voxel has any density to push")
         self.grid, self.material, self.verb = grid, material, verb
         self.method, self.border, self.rim, self.wake = method, border, rim, wake
         self.band = band if verb == "push" else None
+        self.quality = self._quality = quality_named(quality)
         self.epoch = 0
         self._frame = self._grown = grid.grown
         self._strength = 1.0
         self._given: Vector | None = None  # direction of the present move
         self._aimed: tuple | None = None  # what the sweeps are made ready for
-        self._work = Workspace(grid.density)
+        self._work = Workspace(grid.density, grid.bricks)
         self._take_up(tool)
         self._warn_if_unyielding()
         self.lift()
@@ -180,12 +184,14 @@ class Push:
         self._solved: Vector | None = None  # where the last estimate was made; None asks for a new one
         self._turned_at: Vector | None = None  # where density moved last, or where the contact began
         self._direction: Vector | None = None
+        self._entered: Vector | None = None  # where the contact began
         self._heading: Vector | None = None  # which way the last step went
         # What M_s gains for each voxel's worth that leaves the tool, as the last sweeps found it: all, until some of it
         # leaves the reach. It rises at once and falls slowly, so that no step moves more than it should; with it one
         # sweep mostly meets sigma_f, without it 1.7 do.
         self._gain = 1.0
         self._unsmoothed = inf  # voxels of travel since the last smoothing
+        self._went_far = False  # the flux of the last sweep
         self._contact = Contact(Regime.NONE, 0.0, 0.0, np.zeros(3))
 
     def move_to(
@@ -195,22 +201,24 @@ class Push:
         continuous: bool = False,
         direction: Iterable[float] | None = None,
         strength: float | None = None,
+        quality: str | None = None,
     ) -> Contact:
-        """Move the tool to ``position`` (x, y, z) in voxels, in solves of at most half a voxel.
+        """Move the tool to ``position`` (x, y, z) in voxels, in solves of at most half a voxel (draft: a whole one).
 
         ``radius`` is the tool's from here on, its reach in proportion. A jump of more than a tool's diameter lifts the
         tool, unless ``continuous``. ``direction`` (unit vector) is where material flows; None: along the displacement.
-        ``strength`` (0 to 1, None: 1) is what pulling and smoothing work with.
+        ``strength`` (0 to 1, None: 1) is what pulling and smoothing work with; ``quality`` None is the push's.
 
         Raises
         ------
         ValueError
             When position, direction or radius is not finite, the radius under one voxel, the direction not of unit
-            length or the strength outside 0 to 1; the grid is untouched.
+            length, the strength outside 0 to 1 or the quality unknown; the grid is untouched.
         """
         target = _checked(position)
         given = None if direction is None else unit(direction)
         strength = 1.0 if strength is None else _checked_strength(strength)
+        self._quality = self.quality if quality is None else quality_named(quality)
         if radius is not None and radius != self.tool.radius:
             self._take_up(self.tool.scaled(radius))
             self._solved = None
@@ -229,7 +237,9 @@ class Push:
 
     def walk(self, sample: Sample, continuous: bool = False) -> Contact:
         """Move to one sample of a Stroke."""
-        return self.move_to(sample.position, sample.radius, continuous, sample.direction, sample.strength)
+        return self.move_to(
+            sample.position, sample.radius, continuous, sample.direction, sample.strength, sample.quality
+        )
 
     def remember(self) -> History:
         """Keep before-images of all that changes from here on."""
@@ -274,11 +284,20 @@ class Push:
         """Voxels of flux that all sweeps so far have looked at: the cost of a push, counted."""
         return int(self._work.sweep.visited)
 
+    @property
+    def flow(self) -> str:
+        """How density moves here, one of `quality.FLOWS`: with a band it rises; else the last sweep tells whether it
+        found room near the tool."""
+        if self.band is not None:
+            return "rim"
+        return "saturated" if self._went_far else "compressible"
+
     def _steps_to(self, target: Vector) -> list[Vector]:
         if self._position is None:
             return [target]
         start = self._position
-        steps = max(1, ceil(dist(target, start) / LONGEST_STEP - 1e-9))  # half a voxel is one step, however it rounds
+        longest = self._quality.longest_step
+        steps = max(1, ceil(dist(target, start) / longest - 1e-9))  # half a voxel is one step, however it rounds
         if steps == 1:
             return [target]
         first, last = self._near_grid(start, target)
@@ -312,7 +331,7 @@ class Push:
         masses = work.estimate
         stress, yield_stress = self._stresses()
         if stress <= 0.0 or self._turned_at is None:
-            self._turned_at = position
+            self._turned_at = self._entered = position
         normal = contact_normal((masses.gradient[0], masses.gradient[1], masses.gradient[2]))
         if self.verb == "smooth":
             moved = self._smooth(travel)
@@ -387,7 +406,7 @@ class Push:
         masses, axis, packed = work.estimate, dispersion.dominant_axis(direction), self.band is not None
         self._aim(direction, axis)
         gain = self._gain
-        while moved.sweeps < MOST_SWEEPS:
+        while moved.sweeps < self._quality.most_sweeps:
             excess = masses.tool_mass - kappa * masses.reach_mass
             wanted = excess / (1.0 + kappa * gain)
             tool_mass, reach_mass = masses.tool_mass, masses.reach_mass
@@ -407,9 +426,9 @@ class Push:
         return moved
 
     def _aim(self, direction: Vector, axis: int) -> None:
-        aimed = (direction, self.tool, self.border, self.band)
+        aimed = (direction, self.tool, self.border, self.band, self._quality.leap)
         if self._aimed != aimed:
-            dispersion.aim(self._work, direction, axis, BORDERS.index(self.border), self.band)
+            dispersion.aim(self._work, direction, axis, BORDERS.index(self.border), self.band, self._quality.leap)
             self._aimed = aimed
 
     def _draw_out(self, direction: Vector) -> _Moved | None:
@@ -430,7 +449,7 @@ class Push:
         """Smooth once for each `smooth.TRAVEL` radii of travel, and once where the contact begins."""
         work, step = self._work, smoothing.TRAVEL * self.tool.radius
         begins = self._unsmoothed == inf
-        self._unsmoothed += min(travel, LONGEST_STEP)  # a jump through air smooths nothing
+        self._unsmoothed += min(travel, self._quality.longest_step)  # a jump through air smooths nothing
         times = 1 if begins else int(self._unsmoothed / step)
         if not times or self._strength <= 0.0 or work.estimate.tool_mass <= 0.0:
             return None
@@ -456,23 +475,32 @@ class Push:
         dispersion.sweep_emptied(work)
         while dispersion.sweep(work) == NEEDS_GROWTH:
             self._grow(sweep.needs[0::2], sweep.needs[1::2])
+        self._went_far = abs(sweep.plane - work.tool.centre[axis]) > NO_ROOM_WITHIN * work.volume.extent[axis]
         left = sweep.surplus
         if left > 0.0 and self.band is not None:
             # Pressed one way while it goes another, the tool leaves its wake where it came from: its groove stays open.
             behind = direction if self._given is None or self._heading is None else self._heading
-            left = rim.raise_rim(work, np.array(behind), left, self.rim, self.wake * self.tool.radius, self._make_room)
+            left = rim.raise_rim(work, np.array(behind), left, self.rim, self._shaft(behind), self._make_room)
         if left > 0.0:
             dispersion.put_back(work, left)
         # What was moved is known, so nothing is summed anew.
         masses.tool_mass += work.rim.tool_gain - emptied.tool_loss
         masses.reach_mass += work.rim.reach_gain + sweep.reach_gain - emptied.reach_loss
         moved.out += sweep.mass_out
-        for box in (self._emptied_box(axis), box_from(sweep.dirty), box_from(work.rim.dirty)):
-            moved.dirty = union(moved.dirty, self._in_pose_frame(box))
+        dirty = union(union(self._emptied_box(axis), box_from(sweep.dirty)), box_from(work.rim.dirty))
+        work.settle(dirty)
+        moved.dirty = union(moved.dirty, self._in_pose_frame(dirty))
         moved.sweeps += 1
         moved.mass += emptied.mass - left
         moved.blocked |= left > BLOCKED * emptied.mass
         dispersion.forget_emptied(work)
+
+    def _shaft(self, behind: Vector) -> float:
+        """How far back the tool's wake is kept clear: as far as it has come since it touched, or the hole closes."""
+        way = 0.0
+        if self._entered is not None and self._position is not None:
+            way = sum((p - e) * u for p, e, u in zip(self._position, self._entered, behind, strict=True))
+        return max(way, self.wake * self.tool.radius)
 
     def _relax_recursively(self, direction: Vector) -> _Moved:
         work, outside = self._work, "keep" if self.border == "wall" else "leave"
@@ -515,7 +543,7 @@ class Push:
         bricks = [BRICK * max(1, n // GROWTH_SHARE) for n in self.grid.shape]
         below = (bricks[0] * bool(below[0]), bricks[1] * bool(below[1]), bricks[2] * bool(below[2]))
         self.grid.grow(below, (bricks[0] * bool(above[0]), bricks[1] * bool(above[1]), bricks[2] * bool(above[2])))
-        work.attach(self.grid.density, sweeping=True)
+        work.attach(self.grid.density, self.grid.bricks, sweeping=True)
         work.moved(below)
         self._follow_grid(below)
 
@@ -524,7 +552,7 @@ class Push:
         if self._work.density is self.grid.density:
             return
         x, y, z = (now - then for now, then in zip(self.grid.grown, self._grown, strict=True))
-        self._work.attach(self.grid.density)
+        self._work.attach(self.grid.density, self.grid.bricks)
         self._solved = None
         self._follow_grid((x, y, z))
 

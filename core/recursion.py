@@ -83,10 +83,12 @@ def disperse_recursively(work: Workspace, direction: np.ndarray, kappa: float, o
         _recursive_python(work, state, voxels, offsets, weights)
     if state.calls > state.budget:
         work.density[:] = before
+        work.settle(None)
         raise ValueError(
             f"the recursive method gave up after {state.budget} calls: use a smaller grid, or the method sweep"
         )
     kept = _return_aside(work, before, voxels, state.aside)
+    work.settle(None)
     changed = np.nonzero(work.density != before)
     dirty = None
     if len(changed[0]):

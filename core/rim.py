@@ -3,7 +3,12 @@
 
 The paper assumes a reflecting plane across the push (3.3), and the finite elements that it cites turn the flow sideways
 and back up. This is our surrogate for that flow, calibrated on von Mises finite elements: the surplus is laid on the
-surface around the emptied points, by weight (full neighbours) x (a hat of radius ``rim`` x contact radius).
+surface around the emptied points, by weight support x (a hat of radius ``rim`` x contact radius).
+
+A surface that rises voxel by voxel shows each of them as a terrace: where one voxel in a column is partly full, the
+d = 1/2 surface leaves the column's height by up to .09 voxel, and where full sides count too, steps outgrow what is
+between them. So a voxel carries the next one as soon as it is half full, and the two share what comes: the profile
+across a risen surface is a ramp of 1/2 a voxel, on which d = 1/2 lies exactly at the column's height.
 """
 
 from __future__ import annotations
@@ -15,8 +20,7 @@ from math import ceil, floor
 import numpy as np
 
 from .native.state import LIST_FULL, ORDERS, Workspace
-from .native.structures import CLUSTERS, MAX_POINTS
-from .tool import Shape
+from .native.structures import CLUSTERS, LATTICE, MAX_POINTS, SIGHT_CELL
 
 PASSES = 6
 """Searches for free surface before the rest goes back into the tool's voxels."""
@@ -33,6 +37,10 @@ SHORTEST_HAT = 3.0
 
 CLUSTERS_IN_RADIUS = 2.5
 NEARLY_FULL, LITTLE_ROOM = np.float32(1e-3), 0.02
+RISING, RISEN = np.float32(0.4), np.float32(0.6)
+NEAR = 2.6
+NODES_IN_HAT, FAINT = 6.0, 0.01
+PLACE_BITS = 19
 SIGHT_INSET, SIGHT_STEP, SIGHT_SAMPLES, SIGHT_AIR = 1.51, 1.5, 16.0, 0.25
 _NEIGHBOURS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 _FIRST_CAPACITY = 1 << 15
@@ -48,7 +56,8 @@ def raise_rim(
 ) -> float:
     """Lay ``surplus`` on the free surface around the contact; return what found no place.
 
-    ``rim`` is the hats' radius in contact radii, ``wake`` the length in voxels that is kept clear behind the tool, and
+    ``rim`` is the hats' radius in contact radii, ``wake`` the length in voxels that is kept clear behind the tool: a
+    shaft that counts as the tool itself. Where the first search finds no surface the next one looks farther.
     ``make_room(low, high)`` is asked before each search to let the grid reach beyond that box where material does.
     """
     find_sources(work, direction)
@@ -57,7 +66,7 @@ def raise_rim(
     length = max(SHORTEST_HAT, rim * work.sources.contact_radius)
     left = surplus
     for attempt in range(PASSES):
-        if attempt >= WIDENING_PASS:
+        if attempt >= WIDENING_PASS or (attempt and not work.rim.count):
             length *= WIDENING
         make_room(*_box_of_hats(work, length))
         gather(work, direction, length, wake if attempt < WAKELESS_PASS else 0.0)
@@ -90,7 +99,7 @@ def gather(work: Workspace, direction: np.ndarray, length: float, wake: float) -
     work.rim.direction[:] = direction
     work.rim.wake = wake
     if not work.library:
-        _gather_numpy(work, direction, length, wake)
+        _gather_numpy(work, length)
         return
     while (
         work.library.repousse_rim_gather(
@@ -103,7 +112,7 @@ def gather(work: Workspace, direction: np.ndarray, length: float, wake: float) -
 
 def place(work: Workspace, amount: float) -> float:
     """Lay ``amount`` on the listed voxels by weight; what one cannot hold goes once, in equal shares, to its neighbours
-    with room. Returns what is left."""
+    with room outside the wake. Returns what is left."""
     if work.library:
         return float(
             work.library.repousse_rim_place(byref(work.grid), byref(work.tool), byref(work.rim), c_double(amount))
@@ -118,7 +127,10 @@ def _find_sources_numpy(work: Workspace, direction: np.ndarray) -> None:
     mass = box[index].astype(np.float64)
     start = [emptied.first[order.index(a)] for a in range(3)]
     at = np.stack([i + s - c for i, s, c in zip(index, start, work.tool.centre, strict=True)])
-    side = max(work.volume.extent) / CLUSTERS_IN_RADIUS
+    # A tool that is not wholly emptied is smaller to the material than it is.
+    centre = [work.tool.centre[a] for a in order]
+    beyond = [max(c - low, high - 1 - c) for c, low, high in zip(centre, emptied.first, emptied.last, strict=True)]
+    side = max(CLUSTERS_IN_RADIUS, *beyond) / CLUSTERS_IN_RADIUS
     steps = np.floor(np.abs(at) / side + 0.5).astype(np.int64)
     cluster = np.clip(CLUSTERS // 2 + np.where(at < 0.0, -steps, steps), 0, CLUSTERS - 1)
     bins = (cluster[0] * CLUSTERS + cluster[1]) * CLUSTERS + cluster[2]
@@ -146,7 +158,7 @@ def _density(work: Workspace, index: np.ndarray) -> np.ndarray:
     return np.where(inside, work.density[tuple(np.clip(index, 0, shape - 1))], np.float32(0.0))
 
 
-def _gather_numpy(work: Workspace, direction: np.ndarray, length: float, wake: float) -> None:
+def _gather_numpy(work: Workspace, length: float) -> None:
     sources, centre = work.sources, np.reshape(work.tool.centre[:], (3, 1))
     points = np.array([axis[: sources.count] for axis in (sources.x, sources.y, sources.z)])
     low = [max(0, ceil(p - length)) for p in points.min(axis=1)]
@@ -158,26 +170,24 @@ def _gather_numpy(work: Workspace, direction: np.ndarray, length: float, wake: f
     at = index - centre
     distance = work.volume.distance(*at)
     room = 1.0 - np.clip(0.5 - distance, 0.0, 1.0) - _density(work, index)
-    full = _full_neighbours(work, index, distance < 1.6)
-    kept = (room > NEARLY_FULL) & (full > 0) & ~_in_wake(work.volume, direction, wake, at)
-    index, full = index[:, kept], full[kept] * np.minimum(room[kept] / LITTLE_ROOM, 1.0).astype(np.float32)
+    carried = _support(work, index, distance < NEAR)
+    kept = (room > NEARLY_FULL) & (carried > 0.0) & ~_in_wake(work, at)
+    index, carried = index[:, kept], carried[kept]
+    weight = _hats(work, points, length, index) * carried * np.minimum(room[kept] / LITTLE_ROOM, 1.0).astype(np.float32)
+    index, weight = index[:, weight > 0.0], weight[weight > 0.0]
     mass = np.array(sources.mass[: sources.count])
-    middle = ((points * mass).sum(axis=1) / mass.sum())[:, None]
-    weight = _hat_sum(points - middle, mass, length, index - middle)
-    kept = weight > 0.0
-    index, weight = index[:, kept], weight[kept] * full[kept]
-    kept = _joined(work, middle[:, 0], index)
+    kept = _joined(work, (points * mass).sum(axis=1) / mass.sum(), index)
     index, weight = index[:, kept], weight[kept]
     if len(weight) > work.rim.capacity:
         work.reserve_rim(2 * len(weight))
     work.rim.count = len(weight)
     places, weights = work.rim_list
-    places[: len(weight)] = np.ravel_multi_index(tuple(index), work.density.shape)
+    places[: len(weight)] = (index[0] << PLACE_BITS | index[1]) << PLACE_BITS | index[2]
     weights[: len(weight)] = weight
 
 
 def _surface(work: Workspace, low: list[int], high: list[int]) -> np.ndarray:
-    """Indices, shape (3, n), of the voxels in a box that are not full and have a neighbour that may be."""
+    """Indices, shape (3, n), of the voxels in a box that are not full and have a neighbour that may carry them."""
     framed = np.zeros([b - a + 2 for a, b in zip(low, high, strict=True)], np.float32)
     fetch = [slice(max(0, a - 1), min(n, b + 1)) for a, b, n in zip(low, high, work.density.shape, strict=True)]
     framed[tuple(slice(s.start - a + 1, s.stop - a + 1) for s, a in zip(fetch, low, strict=True))] = work.density[
@@ -186,67 +196,119 @@ def _surface(work: Workspace, low: list[int], high: list[int]) -> np.ndarray:
     inner = (slice(1, -1),) * 3
     beside = np.zeros(framed[inner].shape, bool)
     for offset in _NEIGHBOURS:
-        beside |= framed[
-            tuple(slice(1 + o, n - 1 + o) for o, n in zip(offset, framed.shape, strict=True))
-        ] >= np.float32(0.49)
+        beside |= framed[tuple(slice(1 + o, n - 1 + o) for o, n in zip(offset, framed.shape, strict=True))] > RISING
     found = np.nonzero((framed[inner] < np.float32(1.0) - NEARLY_FULL) & beside)
     return np.stack(found) + np.reshape(low, (3, 1))
 
 
-def _full_neighbours(work: Workspace, index: np.ndarray, near: np.ndarray) -> np.ndarray:
-    full = np.zeros(index.shape[1], np.int64)
+def _full(work: Workspace, index: np.ndarray, near: np.ndarray) -> np.ndarray:
+    capacity = np.where(near, 1.0 - _coverage(work, index), 1.0)
+    return (capacity >= 0.5) & (_density(work, index) >= capacity - np.float64(NEARLY_FULL))
+
+
+def _risen(density: np.ndarray) -> np.ndarray:
+    """How far material has come up in voxels that carry the next ones: 0 below RISING, 1 from RISEN on."""
+    return np.clip((density - RISING) / (RISEN - RISING), np.float32(0.0), np.float32(1.0))
+
+
+def _support(work: Workspace, index: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Share of what comes up at voxels that they take: on full material all, and half once they carry the next ones,
+    which take the other half."""
+    on_full, carried = np.zeros(index.shape[1], bool), np.zeros(index.shape[1], np.float32)
     for offset in _NEIGHBOURS:
         beside = index + np.reshape(offset, (3, 1))
-        capacity = np.where(near, 1.0 - _coverage(work, beside), 1.0)
-        full += (capacity >= 0.5) & (_density(work, beside) >= capacity - np.float64(NEARLY_FULL))
-    return full
+        on_full |= _full(work, beside, near)
+        carries = np.where(_full(work, beside + np.reshape(offset, (3, 1)), near), _risen(_density(work, beside)), 0.0)
+        carried = np.maximum(carried, carries.astype(np.float32))
+    half = np.float32(0.5)
+    return np.where(on_full, np.float32(1.0) - half * _risen(_density(work, index)), half * carried)
 
 
-def _in_wake(volume: Shape, direction: np.ndarray, wake: float, at: np.ndarray) -> np.ndarray:
+def _swept_distance(work: Workspace, at: np.ndarray) -> np.ndarray:
+    """Signed distance of points relative to the tool's centre, shape (3, n), to all it has gone through in its wake."""
+    u = work.rim.direction
+    behind = np.clip(-(at[0] * u[0] + at[1] * u[1] + at[2] * u[2]), 0.0, work.rim.wake)
+    return work.volume.distance(*(at + behind * np.reshape(u, (3, 1))))
+
+
+def _in_wake(work: Workspace, at: np.ndarray) -> np.ndarray:
     """Whether points relative to the tool's centre, shape (3, n), lie where it came from."""
-    behind = np.minimum(-(at[0] * direction[0] + at[1] * direction[1] + at[2] * direction[2]), wake)
-    return (behind > 0.0) & (volume.distance(*(at + behind * direction[:, None])) < 0.5)
+    u = work.rim.direction
+    ahead = at[0] * u[0] + at[1] * u[1] + at[2] * u[2] >= 0.0
+    return (work.rim.wake > 0.0) & ~ahead & (_swept_distance(work, at) < 0.5)
 
 
-def _hat_sum(points: np.ndarray, mass: np.ndarray, length: float, at: np.ndarray) -> np.ndarray:
+def _hats(work: Workspace, points: np.ndarray, length: float, index: np.ndarray) -> np.ndarray:
+    """W at voxels: the sum over the sources of e max(0, 1 - |x - x_s| / L), less FAINT of all that was emptied.
+
+    It is summed on the nodes of a lattice around the tool's centre and interpolated between them: it bends little
+    within a sixth of L, and what it costs no longer grows with the tool.
+    """
+    centre, sources = np.array(work.tool.centre[:]), work.sources
+    low, high = points.min(axis=1), points.max(axis=1)
+    mass = np.array(sources.mass[: sources.count])
+    middle = (points * mass).sum(axis=1) / mass.sum()
+    spacing = max(length / NODES_IN_HAT, float((high - low + 2.0 * length).max()) / (LATTICE - 3))
+    first = np.floor((low - length - centre) / spacing)
+    count = (np.ceil((high + length - centre) / spacing) - first).astype(int) + 1
+    start = centre + first * spacing
+    axes = [start[a] + np.arange(count[a]) * spacing for a in range(3)]
+    x, y, z = np.ix_(*((axis - middle[a]).astype(np.float32) for a, axis in enumerate(axes)))
+    value = np.zeros(count, np.float32)
     inverse = np.float32(1.0 / length)
-    total = np.zeros(at.shape[1], np.float32)
-    at = at.astype(np.float32)
-    for point, e in zip(points.T.astype(np.float32), mass.astype(np.float32), strict=True):
-        dx, dy, dz = (at[a] - point[a] for a in range(3))
-        total += e * np.maximum(np.float32(1.0) - np.sqrt(dx * dx + dy * dy + dz * dz) * inverse, np.float32(0.0))
-    return total
+    for point, e in zip((points - middle[:, None]).T.astype(np.float32), mass.astype(np.float32), strict=True):
+        across2, dz = (x - point[0]) ** 2 + (y - point[1]) ** 2, z - point[2]
+        value += e * np.maximum(np.float32(1.0) - np.sqrt(across2 + dz * dz) * inverse, np.float32(0.0))
+    value = (value - np.float32(FAINT * mass.sum())).astype(np.float64)
+    place = (index - start[:, None]) / spacing
+    cell = np.clip(np.floor(place).astype(np.int64), 0, (count - 2)[:, None])
+    part = place - cell
+    along = [
+        _between(part[2], *(value[cell[0] + a, cell[1] + b, cell[2] + c] for c in (0, 1)))
+        for a in (0, 1)
+        for b in (0, 1)
+    ]
+    across = [_between(part[1], *along[:2]), _between(part[1], *along[2:])]
+    return _between(part[0], *across).astype(np.float32)
+
+
+def _between(part: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return first + part * (second - first)
 
 
 def _joined(work: Workspace, to: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Whether material joins each voxel of the surface to the sources' mean: the line from just inside it must not
-    cross air."""
-    inward = np.stack(
-        [
-            _density(work, index + np.reshape(up, (3, 1))).astype(np.float64)
-            - _density(work, index + np.reshape(down, (3, 1)))
-            for up, down in zip(_NEIGHBOURS[::2], _NEIGHBOURS[1::2], strict=True)
-        ]
-    )
-    norm = np.maximum(np.sqrt(inward[0] ** 2 + inward[1] ** 2 + inward[2] ** 2), 1e-6)
-    start = index + SIGHT_INSET * inward / norm
+    """Whether material joins voxels of the surface to the sources' mean: the line from just inside it must not cross
+    air. The tool and its wake count as material, which flows around them; all voxels of a cell share one line."""
+    centre = np.reshape(work.tool.centre[:], (3, 1))
+    at = index - centre
+    cells = np.copysign(np.floor(np.abs(at) / SIGHT_CELL + 0.5), at)
+    _, member, count = np.unique(cells + 0.0, axis=1, return_inverse=True, return_counts=True)
+    member = member.ravel()
+    inward = [
+        _density(work, index + np.reshape(up, (3, 1))).astype(np.float64)
+        - _density(work, index + np.reshape(down, (3, 1)))
+        for up, down in zip(_NEIGHBOURS[::2], _NEIGHBOURS[1::2], strict=True)
+    ]
+    sums = [np.bincount(member, values, len(count)) for values in (*index, *inward)]
+    norm = np.maximum(np.sqrt(sums[3] ** 2 + sums[4] ** 2 + sums[5] ** 2), 1e-6)
+    start = np.stack(sums[:3]) / count + SIGHT_INSET * np.stack(sums[3:]) / norm
     way = to[:, None] - start
     length = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
     step = np.maximum(SIGHT_STEP, length / SIGHT_SAMPLES)
     samples, stride = (length / step).astype(np.int64), way * (step / length)
-    joined = np.ones(index.shape[1], bool)
-    centre = np.reshape(work.tool.centre[:], (3, 1))
+    joined = np.ones(len(count), bool)
     for q in range(int(samples.max(initial=0))):
         asked = np.nonzero(joined & (q < samples))[0]
         x = start[:, asked] + q * stride[:, asked]
         air = _density(work, np.floor(x + 0.5).astype(np.int64)) < SIGHT_AIR
-        joined[asked[air & (work.volume.distance(*(x - centre)) > 1.0)]] = False
-    return joined
+        joined[asked[air & (_swept_distance(work, x - centre) > 1.0)]] = False
+    return joined[member]
 
 
 def _place_numpy(work: Workspace, amount: float) -> float:
     places, weights = (column[: work.rim.count] for column in work.rim_list)
-    index = np.stack(np.unravel_index(places, work.density.shape))
+    mask = (1 << PLACE_BITS) - 1
+    index = np.stack([places >> 2 * PLACE_BITS, places >> PLACE_BITS & mask, places & mask])
     left = amount
     for round_ in range(PLACINGS):
         if left <= ENOUGH * amount:
@@ -271,7 +333,10 @@ def _spill_over(work: Workspace, index: np.ndarray, spilt: np.ndarray) -> float:
     beside = [index + np.reshape(offset, (3, 1)) for offset in _NEIGHBOURS]
     shape = np.reshape(work.density.shape, (3, 1))
     inside = [((b >= 0) & (b < shape)).all(axis=0) for b in beside]
-    open_ = [i & (_room(work, b) > NEARLY_FULL) for b, i in zip(beside, inside, strict=True)]  # all, before any moves
+    centre = np.reshape(work.tool.centre[:], (3, 1))
+    open_ = [  # all, before any moves
+        i & (_room(work, b) > NEARLY_FULL) & ~_in_wake(work, b - centre) for b, i in zip(beside, inside, strict=True)
+    ]
     ways = sum(o.astype(np.int64) for o in open_)
     gained = 0.0
     for b, o in zip(beside, open_, strict=True):  # in one direction's turn each neighbour is asked by one voxel only

@@ -37,17 +37,21 @@ def smooth(work: Workspace, strength: float, passes: int) -> float:
     work.sweep.dirty[:] = no_box()
     share = GREATEST_SHARE * strength
     if not work.library:
-        return _smooth_numpy(work, share, passes)
-    return float(
-        work.library.repousse_smooth(
-            byref(work.grid),
-            byref(work.tool),
-            c_double(share),
-            c_int64(passes),
-            byref(work.emptied),
-            byref(work.sweep.dirty),
+        exchanged = _smooth_numpy(work, share, passes)
+    else:
+        exchanged = float(
+            work.library.repousse_smooth(
+                byref(work.grid),
+                byref(work.tool),
+                c_double(share),
+                c_int64(passes),
+                byref(work.emptied),
+                byref(work.sweep.dirty),
+            )
         )
-    )
+    (i, j, k), (ni, nj, nk) = work.emptied.low, work.emptied.n
+    work.settle(((i, j, k), (i + ni, j + nj, k + nk)))  # more were marked than have changed
+    return exchanged
 
 
 def _smooth_numpy(work: Workspace, share: float, passes: int) -> float:

@@ -20,7 +20,8 @@ import numpy as np
 
 from .grid import DensityGrid
 from .material import Material
-from .push import LONGEST_STEP, Push
+from .push import Push
+from .quality import LONGEST_STEP, quality_named
 from .symmetry import SymmetricPush
 from .tool import BoxTool, CapsuleTool, SphereTool, Tool, Vector, unit, vector
 
@@ -38,7 +39,8 @@ class Sample:
     """One pose: seconds since the stroke began, voxels, a unit quaternion (w, x, y, z), and how it was solved.
 
     ``radius`` is the tool's in voxels; None leaves it as it is. ``direction`` is the unit vector along which material
-    flows, None the displacement; ``strength``, from 0 to 1, is what pulling and smoothing work with, None is 1.
+    flows, None the displacement; ``strength``, from 0 to 1, is what pulling and smoothing work with, None is 1;
+    ``quality`` is what the step to it may cost (core/quality.py).
     """
 
     time: float
@@ -108,6 +110,11 @@ class Stroke:
             for n, t, p in zip(np.clip(nearest, 0, len(self.samples) - 1), times, path.tolist(), strict=True)
         ]
         return dataclasses.replace(self, samples=samples)
+
+    def at_quality(self, quality: str) -> Stroke:
+        """The same stroke with another quality at every pose."""
+        name = quality_named(quality).name
+        return dataclasses.replace(self, samples=[dataclasses.replace(s, quality=name) for s in self.samples])
 
     def push(self, grid: DensityGrid) -> Push | SymmetricPush:
         """A push as the header says, on a grid."""
@@ -224,7 +231,8 @@ def _sample_from(record: dict) -> Sample:
     strength = None if strength is None else float(strength)
     if strength is not None and not 0.0 <= strength <= 1.0:
         raise ValueError(f"the strength is a number from 0 to 1, not {strength:g}")
-    return Sample(time, position, (w, x, y, z), radius, str(record.get("quality", "exact")), direction, strength)
+    quality = quality_named(record.get("quality", "exact")).name
+    return Sample(time, position, (w, x, y, z), radius, quality, direction, strength)
 
 
 def _stroke_from(record: dict) -> Stroke:

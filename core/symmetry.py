@@ -45,6 +45,7 @@ class SymmetricPush:
         rim: float = 2.0,
         wake: float = 1.0,
         verb: str = "push",
+        quality: str = "exact",
         *,
         axes: str,
         centre: Iterable[float],
@@ -56,8 +57,8 @@ class SymmetricPush:
             raise ValueError(f"mirror planes meet in three finite numbers of voxels, not {self.centre}")
         turns = [(1.0, -1.0) if axis in axes else (1.0,) for axis in "xyz"]
         self._turns: list[Vector] = [vector(signs) for signs in product(*turns)]
-        first = Push(grid, tool, material, method, border, band, rim, wake, verb)
-        how = (material, method, border, band, rim, wake, verb)
+        first = Push(grid, tool, material, method, border, band, rim, wake, verb, quality)
+        how = (material, method, border, band, rim, wake, verb, quality)
         self.pushes = [first] + [Push(grid, _mirrored_tool(tool, turn), *how) for turn in self._turns[1:]]
         self._carries = [push.carry for push in self.pushes]
 
@@ -116,6 +117,11 @@ class SymmetricPush:
         """Voxels of flux that all sweeps so far have looked at."""
         return sum(push.voxels_visited for push in self.pushes)
 
+    @property
+    def flow(self) -> str:
+        """How density moves at the artist's tool; see :attr:`Push.flow`."""
+        return self.pushes[0].flow
+
     def lift(self) -> None:
         """Take all tools out."""
         for push in self.pushes:
@@ -128,6 +134,7 @@ class SymmetricPush:
         continuous: bool = False,
         direction: Iterable[float] | None = None,
         strength: float | None = None,
+        quality: str | None = None,
     ) -> Contact:
         """Move the artist's tool to ``position``, then each mirror image to where it stands then; see
         :meth:`Push.move_to`.
@@ -139,7 +146,7 @@ class SymmetricPush:
         met = []
         for push, turn in zip(self.pushes, self._turns, strict=True):
             there = None if flow is None else _turned(flow, turn)
-            met.append(push.move_to(self._mirrored_place(place, turn), radius, continuous, there, strength))
+            met.append(push.move_to(self._mirrored_place(place, turn), radius, continuous, there, strength, quality))
         return dataclasses.replace(
             met[0],
             moved_mass=sum(contact.moved_mass for contact in met),
@@ -151,7 +158,9 @@ class SymmetricPush:
 
     def walk(self, sample: Sample, continuous: bool = False) -> Contact:
         """Move to one sample of a Stroke."""
-        return self.move_to(sample.position, sample.radius, continuous, sample.direction, sample.strength)
+        return self.move_to(
+            sample.position, sample.radius, continuous, sample.direction, sample.strength, sample.quality
+        )
 
     def follow(self, stroke: Stroke) -> list[Contact]:
         """Move through every sample of a Stroke."""

@@ -23,12 +23,12 @@ from ..core.formats import MAX_VOXELS, describe, read_volume, write_volume
 from ..core.material import EXPONENTS
 from ..core.native.state import BORDERS
 from ..core.push import METHODS
+from ..core.quality import QUALITIES, quality_named
 from .outputs import Outputs
 from .run import Run, summary, told_of
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
-DEFAULT_STEP = 0.5
 VOLUME_SUFFIXES = (".vdb", ".pvm")
 LINE_OPTIONS = ("start", "end", "radius", "reach")
 """What draws a line, and so has no place beside a recorded stroke."""
@@ -145,8 +145,9 @@ def strokes_from(options: argparse.Namespace) -> list[Stroke]:
             raise ValueError("give --stroke FILE, or a line by --from, --to and --radius")
         tool = SphereTool(options.radius, options.reach)
         header |= {"material": _material_of(options, Material())} | _band_of(options, tool.radius)
-        step = DEFAULT_STEP if options.step is None else options.step
-        return [Stroke.line(options.start, options.end, step, tool=tool, **header)]
+        quality = quality_named(options.quality or "exact")
+        step = quality.longest_step if options.step is None else options.step
+        return [Stroke.line(options.start, options.end, step, tool=tool, **header).at_quality(quality.name)]
     for name in LINE_OPTIONS:
         if getattr(options, name) is not None:
             raise ValueError(f"--{ {'start': 'from', 'end': 'to'}.get(name, name) } has no place beside --stroke")
@@ -157,6 +158,7 @@ def strokes_from(options: argparse.Namespace) -> list[Stroke]:
             raise ValueError(f"{path}: the stroke has no poses")
         material = _material_of(options, stroke.material)
         stroke = replace(stroke, material=material, **header, **_band_of(options, stroke.tool.radius))
+        stroke = stroke if options.quality is None else stroke.at_quality(options.quality)
         strokes.append(stroke if options.step is None else stroke.resample(options.step))
     return strokes
 
@@ -206,7 +208,7 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument("--to", dest="end", type=_position, metavar="X,Y,Z", help="where it ends")
     made.add_argument("--radius", type=_number, metavar="R", help="of the tool, a ball")
     made.add_argument("--reach", type=_number, metavar="S", help="how far from its centre it feels (1.5 R)")
-    made.add_argument("--step", type=_number, metavar="H", help=f"between samples ({DEFAULT_STEP})")
+    made.add_argument("--step", type=_number, metavar="H", help="between samples (0.5, of a draft 1)")
     feels = "; ".join(f"{name}: {preset.feel}" for name, preset in PRESETS.items())
     made.add_argument(
         "--material", choices=PRESETS, metavar="NAME", help=f"{feels}. Sets --band, and a block's density"
@@ -222,6 +224,9 @@ def _parser() -> argparse.ArgumentParser:
     made.add_argument("--border", choices=BORDERS, help="what happens where density would leave the volume (grow)")
     made.add_argument("--band", type=_band, metavar="N", help="how far ahead of the tool material goes, or none")
     made.add_argument("--rim", type=_number, metavar="X", help="width of the rim in contact radii (2)")
+    made.add_argument(
+        "--quality", type=_quality, metavar="Q", help=f"{', '.join(QUALITIES)}; of a recorded stroke what it says"
+    )
     made.add_argument("--out", required=True, metavar="OUT.vdb", help="the sculpted volume")
     made.add_argument("--render", metavar="PNG", help="a picture: before, and after")
     made.add_argument("--report", metavar="JSON", help="what it did, in numbers")
@@ -274,6 +279,15 @@ def _window(text: str) -> tuple[float, ...]:
 
 def _band(text: str) -> float | str:
     return text if text == "none" else _number(text)
+
+
+def _quality(text: str) -> str:
+    if text == "auto":
+        raise argparse.ArgumentTypeError("auto goes by the clock of a live stroke: here choose " + ", ".join(QUALITIES))
+    try:
+        return quality_named(text).name
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def _block(source: str | os.PathLike) -> re.Match | None:

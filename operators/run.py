@@ -76,6 +76,7 @@ class Run:
             "peak_stress": max(contact.stress for contact in self.contacts),
             "kernels": native.name(),
             "method": ", ".join(dict.fromkeys(stroke.method for stroke in self.strokes)),
+            "quality": ", ".join(dict.fromkeys(sample.quality for sample in self.samples)),
             "ms": {"p50": p50, "p99": p99, "max": max(self.ms)},
             "touched_voxels": self.touched_voxels(),
             "blocked_steps": sum(contact.blocked for contact in self.contacts),

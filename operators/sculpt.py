@@ -85,11 +85,11 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
         if settings.record:
             self._stroke.grid_hash = session.grid_hash()
         if held is not None:
-            engine = Engine(push, hand=held.hand)
+            engine = Engine(push, hand=held.hand, quality=settings.chosen_quality)
             held.attach(engine)
             self._guide = held
         else:
-            engine = Engine(push)
+            engine = Engine(push, quality=settings.chosen_quality)
             brush = _brush_of(settings, self.verb, radius)
             self._guide = Guide(Surface(session.grid, level, engine.history), brush, aim.ray)
         self._volume, self._to_world = obj.data.session_uid, to_world
@@ -174,7 +174,7 @@ class REPOUSSE_OT_sculpt(OnActiveVolume, bpy.types.Operator):
         if self.arm:
             arm_session.feel_on(session, obj)
         session.commit(obj, boxes, engine.mass_out)
-        session.last_trace = engine.trace
+        session.last_trace, session.last_choice = engine.trace, engine.choice
         session.engine, stroke = None, self._stroke
         self._leave(context)
         if context.scene.repousse.record:

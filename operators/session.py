@@ -24,6 +24,7 @@ from .volumes import note, path_of
 
 if TYPE_CHECKING:
     from ..core.engine import Engine
+    from ..core.quality import Choice
     from .aim import Pointer
 
 _live: Session | None = None
@@ -111,6 +112,8 @@ class Session:
         The density at which the surface is seen where the artist has not said.
     last_trace
         Depth, stress and yield stress along the last stroke, as the engine keeps them.
+    last_choice
+        The quality that was chosen last in it, and why; None where nobody chose.
     pointer
         Where the tool is, for the view; None: nowhere.
     generation
@@ -122,6 +125,7 @@ class Session:
         self.volume_uid = volume.session_uid
         self._engine: Engine | None = None
         self.last_trace: list[tuple[float, float, float]] = []
+        self.last_choice: Choice | None = None
         self.pointer: Pointer | None = None
         self.generation = next(_generations)
         self._feeling: Engine | None = None
@@ -178,7 +182,8 @@ class Session:
         self.changed(None)
 
     def changed(self, box: Box | None) -> None:
-        """Tell the view that the voxels of ``box`` (array indices) are not what they were; None: any of them."""
+        """The voxels of ``box`` (array indices) are not what they were; None: any. The view and the map are told."""
+        self.grid.bricks.changed(box)
         if box is None:
             self._seen = None
             self.generation = next(_generations)

@@ -11,6 +11,7 @@ from ..core import PRESETS, Material
 from ..core.material import EXPONENTS
 from ..core.native.state import BORDERS
 from ..core.push import METHODS
+from ..core.quality import QUALITIES, Auto
 from .volumes import MATERIAL_ITEMS
 
 _DEFAULT = PRESETS["clay"]
@@ -23,8 +24,15 @@ _METHOD_WORDS = {
     "sweep": "All that yields is swept along together: fast, for volumes of any size",
     "recursive": "The paper's recursion, voxel by voxel: for small volumes only",
 }
+_QUALITY_WORDS = {
+    "exact": "The best there is",
+    "balanced": "One sweep a step, by leaps far from the tool: within a few per cent of exact, less for large tools",
+    "draft": "Half as many steps as well, each a voxel long: twice as fast, for trying out",
+}
 # Made here, for Python 3.11 finds no name of the module from within a comprehension in an annotation.
 _METHOD_ITEMS = [(name, name.capitalize(), _METHOD_WORDS[name]) for name in METHODS]
+_QUALITY_ITEMS = [(name, name.capitalize(), _QUALITY_WORDS[name]) for name in QUALITIES]
+_QUALITY_ITEMS += [("auto", "Auto", "As near to exact as the frame budget allows, step by step. A replay repeats it")]
 _BORDER_ITEMS = [(name, name.capitalize(), _BORDER_WORDS[name]) for name in BORDERS]
 
 
@@ -142,6 +150,30 @@ class RepousseSettings(bpy.types.PropertyGroup):
     pressure_strength: bpy.props.BoolProperty(
         name="Pressure on Strength", description="The pen's pressure sets the strength", default=True
     )
+    quality: bpy.props.EnumProperty(
+        name="Quality",
+        description="What a step may cost, and so how near it comes to the exact one",
+        items=_QUALITY_ITEMS,
+    )
+    frame_budget: bpy.props.FloatProperty(
+        name="Frame Budget",
+        description="Milliseconds in which the tool should be where the pointer is: else Auto takes a faster quality",
+        default=8.0,
+        min=0.1,
+        soft_min=1.0,
+        soft_max=50.0,
+        max=1000.0,
+        precision=1,
+    )
+    error_bound: bpy.props.FloatProperty(
+        name="Error Bound",
+        description="How much of what is moved may lie elsewhere than by Exact, in per cent: Auto takes nothing worse",
+        default=5.0,
+        min=0.1,
+        soft_max=30.0,
+        max=100.0,
+        subtype="PERCENTAGE",
+    )
     spacing: bpy.props.FloatProperty(
         name="Spacing",
         description="Way between two poses of the tool, in per cent of its radius",
@@ -189,6 +221,11 @@ class RepousseSettings(bpy.types.PropertyGroup):
     def clay(self) -> Material:
         """The forces as the core has them."""
         return Material(self.full_force, self.yield_ratio, self.force_exponent)
+
+    @property
+    def chosen_quality(self) -> str | Auto:
+        """The quality of the next stroke, or who chooses it."""
+        return Auto(self.frame_budget, self.error_bound / 100.0) if self.quality == "auto" else self.quality
 
     def is_preset(self) -> bool:
         """Whether the numbers are still those of the chosen material."""

@@ -21,7 +21,17 @@ def draw_brush(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) ->
     stroke = layout.column(align=True)
     stroke.prop(settings, "spacing", slider=True)
     stroke.prop(settings, "stabiliser", slider=True)
+    draw_quality(layout, settings)
     draw_mirror(layout, settings)
+
+
+def draw_quality(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    """What a step may cost, and what Auto goes by."""
+    layout.prop(settings, "quality")
+    if settings.quality == "auto":
+        auto = layout.column(align=True)
+        auto.prop(settings, "frame_budget", text="Frame Budget (ms)")
+        auto.prop(settings, "error_bound")
 
 
 def draw_mirror(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:

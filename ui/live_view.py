@@ -82,7 +82,7 @@ class LiveView:
         everything, boxes = session.take_changes()
         density = session.grid.density
         if everything or self.texture.shape != density.shape:
-            self.texture.upload(density)
+            self.texture.upload(session.grid.bricks)
             for picture in self._pictures.values():
                 picture.frame = None
             return

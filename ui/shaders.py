@@ -10,7 +10,7 @@ from __future__ import annotations
 import gpu
 from gpu.types import GPUShader, GPUShaderCreateInfo, GPUStageInterfaceInfo
 
-from ..core.grid import BRICK
+from ..core.bricks import BRICK
 from .give import MOST, REACH
 
 GROUP = (8, 8, 1)

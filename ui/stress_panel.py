@@ -59,6 +59,11 @@ def _draw_felt(column: bpy.types.UILayout, session: Session) -> None:
     column.label(text=regime, translate=False)
     column.label(text=say("Stress {:.3f} N").format(stress), translate=False)
     column.label(text=say("Yields at {:.3f} N").format(yield_stress), translate=False)
+    choice = session.last_choice if session.engine is None else session.engine.choice
+    if choice is not None:
+        why = say(choice.words).format(**choice.numbers)
+        name = say(choice.quality.name.capitalize())
+        column.label(text=say("{}: {}").format(name, why), translate=False)
 
 
 def register():

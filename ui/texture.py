@@ -9,9 +9,10 @@ import gpu
 import numpy as np
 from gpu.types import Buffer, GPUTexture
 
-from ..core.grid import BRICK, Box
+from ..core.bricks import BRICK, BrickMap
+from ..core.grid import Box
 from . import programs, shaders
-from .bricks import bricks_of, maxima, means
+from .bricks import all_maxima, all_means, bricks_of, maxima, means
 
 FORMAT = "R16F"
 """11 bits, enough to look at, and half the memory of the array."""
@@ -33,18 +34,18 @@ class DensityTexture:
         self.shape = (0, 0, 0)
         self.uploads = self.patches = 0
 
-    def upload(self, density: np.ndarray) -> None:
-        """Send a whole grid, float32 (nx, ny, nz), C-contiguous. ValueError where the graphics card cannot hold it."""
+    def upload(self, known: BrickMap) -> None:
+        """Send a whole grid, which ``known`` is the map of. ValueError where the graphics card cannot hold it."""
         self.density = self.eased = self.fillings = self.bricks = None  # there may not be room for old and new
-        size, begin = density.shape, (0, 0, 0)
+        size = known.density.shape
         try:
-            self.density = _texture(density, FORMAT)
+            self.density = _texture(known.density, FORMAT)
         except (RuntimeError, OverflowError, MemoryError) as error:
             voxels = " x ".join(str(n) for n in size)
             raise ValueError(f"The graphics card cannot hold {voxels} voxels: resample the volume to fewer") from error
-        self.eased = _texture(means(density, shaders.EASE, begin, bricks_of(size, shaders.EASE)), FORMAT)
-        self.fillings = _texture(means(density, BRICK, begin, bricks_of(size)), FORMAT)
-        self.bricks = _texture(maxima(density, begin, bricks_of(size)), FORMAT)
+        self.eased = _texture(all_means(known, shaders.EASE), FORMAT)
+        self.fillings = _texture(all_means(known, BRICK), FORMAT)
+        self.bricks = _texture(all_maxima(known), FORMAT)
         self.shape = size
         self.uploads += 1
 

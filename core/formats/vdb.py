@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..bricks import BRICK, FULL, MIXED, BrickMap, boxes_of
 from ..grid import Box, DensityGrid
 from .base import GENERATOR, MAX_VOXELS, EmptyVolumeError, FormatError, GridInfo, Volume, replacing, select
 from .layout import SCALARS, Part, lay_out, value_type
@@ -94,21 +95,38 @@ def fog_of(grid: DensityGrid, path: Path) -> Any:
     openvdb = _openvdb(path)
     with _refusals(openvdb, path, "cannot be written"):
         fog = openvdb.FloatGrid()
-        fog.copyFromArray(grid.density, tolerance=0.0)
+        bricks = BrickMap(grid.density)
+        _lay_bricks(fog, bricks, (0, 0, 0), bricks.states.shape)
         fog.prune(0.0)
     return fog
 
 
 def change(fog: Any, grid: DensityGrid, box: Box) -> None:
-    """Make the voxels of a box, as far as it lies in the grid, what they are in ``grid``."""
-    low = tuple(max(n, 0) for n in box[0])
-    high = tuple(min(n, edge) for n, edge in zip(box[1], grid.shape, strict=True))
+    """Make the voxels of a box, as far as it lies in the grid, and of its bricks, what they are in ``grid``."""
+    low = tuple(max(n, 0) // BRICK for n in box[0])
+    high = tuple(-(-min(n, edge) // BRICK) for n, edge in zip(box[1], grid.shape, strict=True))
     if any(a >= b for a, b in zip(low, high, strict=True)):
         return
+    grid.bricks.changed(box)  # the box says so, and what is saved must not depend on who else has
     # A leaf that has become empty is left out by copyFromArray, which takes it for one that was never there.
-    fog.fill(low, tuple(n - 1 for n in high), 0.0, False)
-    inside = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
-    fog.copyFromArray(np.ascontiguousarray(grid.density[inside]), ijk=low, tolerance=0.0)
+    fog.fill(tuple(n * BRICK for n in low), tuple(n * BRICK - 1 for n in high), 0.0, False)
+    _lay_bricks(fog, grid.bricks, low, high)
+
+
+def _lay_bricks(fog: Any, bricks: BrickMap, low: Sequence[int], high: Sequence[int]) -> None:
+    """Fill or copy the bricks from ``low`` up to ``high``: by a copy full ones would become as many leaves."""
+    states = bricks.states[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+    if 2 * np.count_nonzero(states == MIXED) > states.size:
+        states = np.full_like(states, MIXED)  # one copy is faster than hundreds
+    for state in (FULL, MIXED):
+        for box in boxes_of(states == state):
+            first, last = ([BRICK * (n + a) for n, a in zip(end, low, strict=True)] for end in box)
+            last = [min(n, edge) for n, edge in zip(last, bricks.density.shape, strict=True)]
+            if state == FULL:
+                fog.fill(tuple(first), tuple(n - 1 for n in last), 1.0, True)
+            else:
+                inside = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
+                fog.copyFromArray(np.ascontiguousarray(bricks.density[inside]), ijk=tuple(first), tolerance=0.0)
 
 
 def save(fog: Any, grid: DensityGrid, part: Path, path: Path) -> None:

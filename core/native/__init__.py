@@ -40,7 +40,7 @@ def _open(path: Path) -> ctypes.CDLL:
         raise OSError(f"{path.name} was built from another version of kernels.c: run make setup, or install again")
     for name in ("estimate", "empty", "behind", "loosen", "clear", "put_back", "rim_sources", "recursive"):
         getattr(library, f"repousse_{name}").restype = None
-    for name in ("sweep", "rim_gather"):
+    for name in ("sweep", "rim_gather", "classify"):
         getattr(library, f"repousse_{name}").restype = ctypes.c_int64
     for name in ("rim_place", "smooth"):
         getattr(library, f"repousse_{name}").restype = ctypes.c_double

@@ -21,18 +21,26 @@
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline)) // 6 % of a push, where it is used twice
 
-#define ABI_VERSION 2          // the loader refuses any other
-#define BRICK 8                // edge of a brick, core/grid.py
+#define ABI_VERSION 3          // the loader refuses any other
+#define BRICK 8                // edge of a brick, core/bricks.py
 #define SHELL 0.5              // thickness of the shells that are emptied one after another, voxels
 #define MAX_SHELLS 4096        // so tools are under 2000 voxels thick
 #define NEGLIGIBLE 1e-4f       // flux below this at the window's edge is folded inward (DESIGN 2)
 #define CACHE_LINE 16          // float32 values in a line
 #define SLAB_PLANES CACHE_LINE // planes along axis 2 that share a line
+#define ROWS_AHEAD 8           // rows whose memory is asked for before they are read
 #define SLAB_MARGIN 4          // room for the window to grow in before a slab is read again
 #define NEARLY_FULL 1e-3f      // a voxel with less room than this is full, for the rim (facts/rim.md)
 #define LITTLE_ROOM 0.02       // below this room a voxel's weight fades, so that rounding cannot switch it on and off
 #define PLACINGS 3             // rounds in which the surplus is laid on one list of voxels
 #define ENOUGH 1e-3            // share of it that may be left over without another round
+#define NEAR 2.6               // voxels from the tool within which the voxel behind a neighbour may be cut by it
+#define RISING 0.4f            // density from which a voxel begins to carry another one on it,
+#define RISEN 0.6f             // and that at which it does so wholly (core/rim.py)
+#define LATTICE 40             // most nodes along an axis of the lattice on which the hats are summed
+#define NODES_IN_HAT 6.0       // its nodes within the radius of a hat
+#define FAINT 0.01             // share of all that was emptied below which a sum of hats counts as none
+#define SIGHT_CELL 3.0         // edge in voxels of the cells of surface that share a line of material
 #define SIGHT_INSET 1.51 // voxels below the surface at which the line of material begins; not 1.5: that rounds by side
 #define SIGHT_STEP 1.5   // voxels between samples of that line, or more, for at most
 #define SIGHT_SAMPLES 16.0 // so many of them
@@ -47,6 +55,7 @@
 #define FRAME 2 // zeros around the flux
 
 enum Border { GROW = 0, WALL = 1, OPEN = 2 };
+enum State { EMPTY = 0, FULL = 1, MIXED = 2 }; // of a brick
 enum Status { DONE = 0, NEEDS_GROWTH = 1, LIST_FULL = 2 };
 
 typedef struct {
@@ -62,14 +71,16 @@ typedef struct {
 typedef struct {
     float *density;
     int64_t shape[3];
+    uint8_t *states; // of bricks (core/bricks.py); NULL where nobody knows
     // Before-images of bricks (core/history.py); kept is NULL when nobody asked for them.
     uint8_t *kept;
     float *images;
-    int64_t *bricks, *kept_count;
+    int64_t *bricks, *entries, *kept_count, *image_count; // entry: the image's number from 1, or -1 - State
 } Grid;
 
 typedef struct {
     double tool_mass, reach_mass, gradient[3];
+    int64_t read; // voxels
 } Estimate;
 
 typedef struct {
@@ -93,14 +104,18 @@ typedef struct {
     float weights[9];    // 3x3 spreading kernel, (b, c) order
     int64_t shift[2];    // whole-voxel part of the shear
     int64_t border;
+    // Leaps: `hole` voxels lie between the taps of their kernel, so one spreads for hole^2 planes; 0 is no leap.
+    int64_t hole, leap_shift[2];
+    float leap_weights[9];
+    double far; // planes ahead of the tool's centre from which on the flux may leap
     float *flux, *next, *row, *slab;
     int64_t window[4];         // b0, b1, c0, c1 of the active window, half open
     int64_t origin[2], stride; // where the flux buffer starts and its row length
     int64_t plane, spread_done;
     int64_t needs[6]; // the sides that must grow: below and above along axes 0, 1, 2
     double laid, reach_gain, mass_out, surplus;
-    int64_t planes, visited;
-    int64_t dirty[6]; // low and high of what was written, grid order
+    int64_t planes, visited, read; // visited: cells of flux; read: voxels of density
+    int64_t dirty[6];              // low and high of what was written, grid order
 } Sweep;
 
 typedef struct {
@@ -109,16 +124,26 @@ typedef struct {
     double contact_radius;
 } Sources;
 
+typedef struct { // of the surface: sums over the voxels in it that can take material
+    double at[3], inward[3];
+    int64_t count, joined; // joined: 0 not known yet, else APART or JOINED
+} Cell;
+
+enum { APART = 1, JOINED = 2 };
+
 typedef struct {
-    int64_t *index; // flat index of each voxel that can take material
+    int64_t *index; // place (see `place_of`) of each voxel that can take material
     float *weight;
     int64_t *spill_index; // those that were given more than they hold, and how much more
     float *spill;
     int64_t capacity, count, spilling;
     const float *zeros; // a row of air, for what lies outside the grid
+    float *lattice;     // scratch, LATTICE nodes along each axis
+    Cell *cells;        // scratch, the cells of one layer across axis 0; all zero between calls
     double direction[3], wake;
     double tool_gain, reach_gain; // of M_t and M_s, by what was laid
     int64_t dirty[6];
+    int64_t hats, asked, sights; // counted since ever: hats evaluated, voxels asked for a weight, samples of lines
 } Rim;
 
 // Whether processor and system have AVX2: then the loader takes the library that was compiled for it from this source.
@@ -248,6 +273,49 @@ static uint32_t any_bits(const float *v, int64_t n) { // of numbers >= 0: not ze
     return bits;
 }
 
+// What the map knows of the rows that go through the same bricks (core/bricks.py), half open.
+typedef struct {
+    int64_t some, some_end; // elsewhere all is 0
+    int64_t full, full_end; // here all is 1
+} Known;
+
+static const Known nothing_known = {0, INT64_MAX, 0, 0};
+
+static Known known_of(const Grid *g, int64_t i, int64_t j, int64_t low, int64_t high) {
+    if (!g->states || low >= high) return nothing_known;
+    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
+    const uint8_t *states = g->states + (i / BRICK * nj + j / BRICK) * nk;
+    Known known = {INT64_MAX, 0, high, 0};
+    int64_t k = low / BRICK, end = (high + BRICK - 1) / BRICK;
+    while (k < end && states[k] == EMPTY) k++;
+    while (k < end && states[end - 1] == EMPTY) end--;
+    if (k == end) return known;
+    known.some = k * BRICK;
+    known.some_end = end * BRICK;
+    while (k < end && states[k] != FULL) k++;
+    known.full = k * BRICK;
+    while (k < end && states[k] == FULL) k++;
+    known.full_end = k * BRICK;
+    return known;
+}
+
+static int is_empty(const Known *known, int64_t low, int64_t high) {
+    return high <= known->some || low >= known->some_end;
+}
+
+static int is_full(const Known *known, int64_t low, int64_t high) {
+    return low >= known->full && high <= known->full_end;
+}
+
+// Whether any of the voxels [low, high) of a row is not 0.
+static int any_in(const Known *known, const float *d, int64_t low, int64_t high, int64_t *read) {
+    if (is_full(known, low, high)) return 1;
+    low = most(low, known->some);
+    high = least(high, known->some_end);
+    *read += most(0, high - low);
+    return any_bits(d + low, high - low) != 0;
+}
+
 static double row_sum(const float *v, int64_t n) {
     double lanes[LANES] = {0.0};
     int64_t k = 0;
@@ -262,7 +330,7 @@ static int64_t whole_lanes(int64_t n) { return (n + LANES - 1) / LANES * LANES; 
 // A ball's share of LANES voxels of a row, times their values: `across2` is the row's squared distance from its centre,
 // `z` the offset of the first voxel. Without a branch, for a row's ends are not to be predicted; and in float32, for
 // the root's error of 2e-6 voxel averages out over the thousands of voxels of the skin.
-static void add_covered(float radius, float across2, float z, const float *restrict v, float *restrict lanes) {
+ALWAYS_INLINE void add_covered(float radius, float across2, float z, const float *restrict v, float *restrict lanes) {
     for (int l = 0; l < LANES; l++) {
         const float at = z + (float)l, inside = 0.5f - (sqrtf(across2 + at * at) - radius);
         const float some = inside > 0.0f ? inside : 0.0f;
@@ -270,31 +338,44 @@ static void add_covered(float radius, float across2, float z, const float *restr
     }
 }
 
+static const float ones[LANES] = {1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f};
+
 // Sum of a ball's coverage times value over the voxels [first, last) of a row; v is the row's element 0, were it there.
-static double ball_sum(double radius, double across2, double z, int64_t first, int64_t last, const float *v) {
+// What is known to be 0 is left out, and what is known to be 1 is not read: no bit of the sum is another for it.
+static double ball_sum(double radius, double across2, double z, int64_t first, int64_t last, const float *v,
+                       const Known *known, int64_t *read) {
     const double outer2 = (radius + 0.5) * (radius + 0.5);
     if (across2 >= outer2) return 0.0;
     const double half = sqrt(outer2 - across2);
     const int64_t end = least(last, floor_of(z + half) + 1), begin = most(first, ceil_of(z - half));
-    if (begin >= end) return 0.0;
+    if (begin >= end || is_empty(known, begin, end)) return 0.0;
     // As long as a multiple of LANES, where the row allows: what is added is not covered and changes no sum.
     const int64_t low = most(first, end - whole_lanes(end - begin)), high = least(last, low + whole_lanes(end - low));
+    const int64_t whole = low + (high - low) / LANES * LANES, stop = least(whole, known->some_end);
     float lanes[LANES] = {0.0f};
     double sum = 0.0;
     int64_t k = low;
-    for (; k + LANES <= high; k += LANES)
-        add_covered((float)radius, (float)across2, (float)((double)k - z), v + k, lanes);
-    for (; k < high; k++) sum += coverage_at(sqrt(across2 + ((double)k - z) * ((double)k - z)) - radius) * (double)v[k];
+    while (k + LANES <= known->some) k += LANES;
+    if (is_full(known, low, whole)) {
+        for (; k < stop; k += LANES) add_covered((float)radius, (float)across2, (float)((double)k - z), ones, lanes);
+    } else {
+        *read += most(0, stop - k);
+        for (; k < stop; k += LANES) add_covered((float)radius, (float)across2, (float)((double)k - z), v + k, lanes);
+    }
+    for (k = whole; k < high; k++)
+        sum += coverage_at(sqrt(across2 + ((double)k - z) * ((double)k - z)) - radius) * (double)v[k];
     for (int l = 0; l < LANES / 2; l++) lanes[l] += lanes[l + LANES / 2];
     for (int l = 0; l < LANES / 2; l++) sum += (double)lanes[l];
     return sum;
 }
 
 // The same for any shape.
-static double covered_sum(const Shape *s, double x, double y, double z, int64_t first, int64_t last, const float *v) {
-    if (s->ball) return ball_sum(s->radius, x * x + y * y, z, first, last, v);
+static double covered_sum(const Shape *s, double x, double y, double z, int64_t first, int64_t last, const float *v,
+                          const Known *known, int64_t *read) {
+    if (s->ball) return ball_sum(s->radius, x * x + y * y, z, first, last, v, known, read);
     const Span span = row_span(s, x, y, z, last);
     double sum = 0.0;
+    *read += most(0, span.high - most(first, span.low));
     for (int64_t k = most(first, span.low); k < span.high; k++)
         if (v[k] > 0.0f) sum += coverage(s, x, y, (double)k - z) * (double)v[k];
     return sum;
@@ -316,18 +397,22 @@ static void voxel_at(const Grid *g, int64_t index, int64_t at[3]) {
 
 // Before-images of bricks (core/history.py), and boxes around what was written.
 
-static void keep_brick(Grid *g, int64_t bi, int64_t bj, int64_t bk) {
-    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
-    const int64_t brick = (bi * nj + bj) * nk + bk;
-    if (g->kept[brick]) return;
-    g->kept[brick] = 1;
-    float *image = g->images + *g->kept_count * (BRICK * BRICK * BRICK);
+static void copy_brick(const Grid *g, int64_t bi, int64_t bj, int64_t bk, float *image) {
     const int64_t n = least(BRICK, g->shape[2] - bk * BRICK);
     for (int64_t i = bi * BRICK; i < least((bi + 1) * BRICK, g->shape[0]); i++)
         for (int64_t j = bj * BRICK; j < least((bj + 1) * BRICK, g->shape[1]); j++)
             memcpy(image + ((i - bi * BRICK) * BRICK + (j - bj * BRICK)) * BRICK,
                    g->density + (i * g->shape[1] + j) * g->shape[2] + bk * BRICK, (size_t)n * sizeof(float));
+}
+
+// Of a brick that is known to be empty or full no image is needed.
+static void keep_brick(Grid *g, int64_t brick, int64_t bi, int64_t bj, int64_t bk) {
+    if (g->kept[brick]) return;
+    g->kept[brick] = 1;
+    const int known = g->states && g->states[brick] != MIXED;
+    if (!known) copy_brick(g, bi, bj, bk, g->images + (*g->image_count)++ * (BRICK * BRICK * BRICK));
     g->bricks[*g->kept_count] = brick;
+    g->entries[*g->kept_count] = known ? -1 - g->states[brick] : *g->image_count;
     // Another thread may ask what was here (History.original): the image is whole before it is counted, and counted
     // before the brick is written.
     __atomic_thread_fence(__ATOMIC_RELEASE);
@@ -335,12 +420,16 @@ static void keep_brick(Grid *g, int64_t bi, int64_t bj, int64_t bk) {
     __atomic_thread_fence(__ATOMIC_RELEASE);
 }
 
-// Before any voxel of the box is written for the first time in a stroke, its bricks are copied.
+// Before any voxel of the box is written, its bricks are copied, the first time in a stroke, and marked.
 static void keep_box(Grid *g, int64_t i0, int64_t i1, int64_t j0, int64_t j1, int64_t k0, int64_t k1) {
-    if (!g->kept) return;
+    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
     for (int64_t bi = i0 / BRICK; bi <= (i1 - 1) / BRICK; bi++)
         for (int64_t bj = j0 / BRICK; bj <= (j1 - 1) / BRICK; bj++)
-            for (int64_t bk = k0 / BRICK; bk <= (k1 - 1) / BRICK; bk++) keep_brick(g, bi, bj, bk);
+            for (int64_t bk = k0 / BRICK; bk <= (k1 - 1) / BRICK; bk++) {
+                const int64_t brick = (bi * nj + bj) * nk + bk;
+                if (g->kept) keep_brick(g, brick, bi, bj, bk);
+                if (g->states) g->states[brick] = MIXED;
+            }
 }
 
 static void mark_dirty(int64_t dirty[6], int64_t i0, int64_t i1, int64_t j0, int64_t j1, int64_t k0, int64_t k1) {
@@ -349,6 +438,52 @@ static void mark_dirty(int64_t dirty[6], int64_t i0, int64_t i1, int64_t j0, int
         dirty[a] = least(dirty[a], low[a]);
         dirty[3 + a] = most(dirty[3 + a], high[a]);
     }
+}
+
+// What bricks hold (core/bricks.py).
+
+static int all_equal(const float *d, int64_t n, uint32_t word) {
+    uint32_t bits = 0, other;
+    for (int64_t k = 0; k < n; k++) {
+        memcpy(&other, d + k, sizeof other);
+        bits |= other ^ word;
+    }
+    return bits == 0;
+}
+
+static int all_full(const float *d, int64_t n) {
+    const float one = 1.0f;
+    uint32_t full;
+    memcpy(&full, &one, sizeof full);
+    return all_equal(d, n, full);
+}
+
+static uint8_t state_of(const float *density, const int64_t shape[3], int64_t bi, int64_t bj, int64_t bk) {
+    const int64_t n = least(BRICK, shape[2] - bk * BRICK);
+    const float first = density[(bi * BRICK * shape[1] + bj * BRICK) * shape[2] + bk * BRICK];
+    const uint8_t state = first == 1.0f ? FULL : EMPTY;
+    for (int64_t i = bi * BRICK; i < least((bi + 1) * BRICK, shape[0]); i++)
+        for (int64_t j = bj * BRICK; j < least((bj + 1) * BRICK, shape[1]); j++) {
+            const float *d = density + (i * shape[1] + j) * shape[2] + bk * BRICK;
+            if (!(state == FULL ? all_full(d, n) : all_equal(d, n, 0))) return MIXED;
+        }
+    return state;
+}
+
+// Find out what the marked bricks from `first` up to `last` (indices of bricks) are; returns how many those were.
+EXPORT int64_t repousse_classify(const float *density, const int64_t shape[3], uint8_t *states, const int64_t first[3],
+                                 const int64_t last[3]) {
+    const int64_t nj = (shape[1] + BRICK - 1) / BRICK, nk = (shape[2] + BRICK - 1) / BRICK;
+    int64_t marked = 0;
+    for (int64_t bi = first[0]; bi < last[0]; bi++)
+        for (int64_t bj = first[1]; bj < last[1]; bj++)
+            for (int64_t bk = first[2]; bk < last[2]; bk++) {
+                uint8_t *state = states + (bi * nj + bj) * nk + bk;
+                if (*state != MIXED) continue;
+                *state = state_of(density, shape, bi, bj, bk);
+                marked++;
+            }
+    return marked;
 }
 
 // Estimate (core/plasticity.py).
@@ -409,15 +544,26 @@ static void weigh_stretch(const Shape *s, double x, double y, double z, Span spa
     }
 }
 
-static void weigh_row(const Shape *s, double x, double y, double z, int64_t n, const float *d, Estimate *out) {
+// The sum of a row's wholly covered voxels.
+static double core_sum(const float *d, Span core, const Known *known, int64_t *read) {
+    const int64_t n = core.high - core.low;
+    if (is_full(known, core.low, core.high)) return (double)n;
+    *read += n;
+    return row_sum(d + core.low, n);
+}
+
+static void weigh_row(const Shape *s, double x, double y, double z, int64_t n, const float *d, const Known *known,
+                      Estimate *out) {
     const Span span = row_span(s, x, y, z, n);
     if (!s->ball) {
+        out->read += span.high - span.low;
         weigh_stretch(s, x, y, z, span, d, out);
         return;
     }
     const Span core = ball_core(s->radius, x * x + y * y, z, span);
+    out->read += span.high - span.low - (core.high - core.low);
     weigh_skin(s->radius, x, y, z, (Span){span.low, core.low}, d, out);
-    out->tool_mass += row_sum(d + core.low, core.high - core.low);
+    out->tool_mass += core_sum(d, core, known, &out->read);
     weigh_skin(s->radius, x, y, z, (Span){core.high, span.high}, d, out);
 }
 
@@ -425,12 +571,14 @@ static void weigh_tool(const Grid *g, const Tool *t, Estimate *out) {
     int64_t low[3], high[3], first, last;
     box_of(&t->volume, t->centre, g->shape, low, high);
     for (int64_t i = low[0]; i < high[0]; i++) {
+        Known known = nothing_known;
         rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
+            if (j == first || j % BRICK == 0) known = known_of(g, i, j, low[2], high[2]);
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-            if (!any_bits(d + low[2], most(0, high[2] - low[2]))) continue; // most of a tool has been emptied
+            if (!any_in(&known, d, low[2], high[2], &out->read)) continue; // most of a tool has been emptied
             weigh_row(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], t->centre[2], g->shape[2], d,
-                      out);
+                      &known, out);
         }
     }
 }
@@ -444,10 +592,14 @@ EXPORT void repousse_estimate(const Grid *g, const Tool *t, Estimate *out) {
     box_of(&t->surroundings, t->centre, g->shape, low, high);
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
+        Known known = nothing_known;
         rows_of(&t->surroundings, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
+            if (j == first || j % BRICK == 0) known = known_of(g, i, j, low[2], high[2]);
+            if (is_empty(&known, low[2], high[2])) continue;
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
-            both += covered_sum(&t->surroundings, x, (double)j - t->centre[1], t->centre[2], 0, g->shape[2], d);
+            both += covered_sum(&t->surroundings, x, (double)j - t->centre[1], t->centre[2], 0, g->shape[2], d, &known,
+                                &out->read);
         }
     }
     out->reach_mass = both - out->tool_mass;
@@ -526,16 +678,18 @@ static void send_carry(Emptied *e, float *largest) {
 
 // The tool's voxels that hold density, for the two looks that follow: weigh the shells, then take.
 static int64_t list_occupied(const Grid *g, const Tool *t, int64_t shells, Occupied *list) {
-    int64_t low[3], high[3], count = 0, first, last;
+    int64_t low[3], high[3], count = 0, first, last, read = 0;
     box_of(&t->volume, t->centre, g->shape, low, high);
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
+        Known known = nothing_known;
         rows_of(&t->volume, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
             const double y = (double)j - t->centre[1], z = t->centre[2];
             const int64_t row = (i * g->shape[1] + j) * g->shape[2];
             const float *d = g->density + row;
-            if (!any_bits(d + low[2], most(0, high[2] - low[2]))) continue;
+            if (j == first || j % BRICK == 0) known = known_of(g, i, j, low[2], high[2]);
+            if (!any_in(&known, d, low[2], high[2], &read)) continue;
             const Span span = row_span(&t->volume, x, y, z, g->shape[2]);
             for (int64_t k = span.low; k < span.high; k++) {
                 if (d[k] <= 0.0f) continue;
@@ -610,14 +764,17 @@ EXPORT void repousse_empty(Grid *g, const Tool *t, double wanted, int64_t packed
 EXPORT void repousse_behind(const Grid *g, const Tool *t, const double u[3], double front, float *row, double sums[4]) {
     const Shape *shapes[2] = {&t->surroundings, &t->volume};
     const double z = t->centre[2];
-    int64_t low[3], high[3], first, last;
+    int64_t low[3], high[3], first, last, read = 0;
     box_of(&t->surroundings, t->centre, g->shape, low, high);
     for (int q = 0; q < 4; q++) sums[q] = 0.0;
     for (int64_t i = low[0]; i < high[0]; i++) {
         const double x = (double)i - t->centre[0];
+        Known known = nothing_known;
         rows_of(&t->surroundings, t->centre, i, g->shape[1], &first, &last);
         for (int64_t j = first; j < last; j++) {
             const float *d = g->density + (i * g->shape[1] + j) * g->shape[2];
+            if (j == first || j % BRICK == 0) known = known_of(g, i, j, low[2], high[2]);
+            if (is_empty(&known, low[2], high[2])) continue;
             const double y = (double)j - t->centre[1];
             const float at = (float)(1.0 - (x * u[0] + y * u[1] - z * u[2]) / front), slope = (float)(u[2] / front);
             for (int64_t k = low[2]; k < high[2]; k++) {
@@ -628,7 +785,8 @@ EXPORT void repousse_behind(const Grid *g, const Tool *t, const double u[3], dou
             for (int q = 0; q < 4; q++) {
                 if (q == 2)
                     for (int64_t k = low[2]; k < high[2]; k++) row[k] *= d[k];
-                sums[q / 2 + q % 2 * 2] += covered_sum(shapes[q % 2], x, y, z, low[2], high[2], row);
+                sums[q / 2 + q % 2 * 2] +=
+                    covered_sum(shapes[q % 2], x, y, z, low[2], high[2], row, &nothing_known, &read);
             }
         }
     }
@@ -702,7 +860,7 @@ EXPORT void repousse_put_back(Grid *g, const Tool *t, double amount, Emptied *e)
 // Columns along axis 2 are far apart in memory, so planes across it are read and written a cache line at a time.
 typedef struct {
     int64_t plane, planes, b0, b1, c0, c1; // what the slab holds; planes = 0 when it holds nothing
-    int64_t dirty_b0, dirty_b1, dirty_c0, dirty_c1;
+    int64_t dirty_a0, dirty_a1, dirty_b0, dirty_b1, dirty_c0, dirty_c1;
 } Slab;
 
 static float *slab_row(const Sweep *s, const Slab *slab, int64_t plane, int64_t b) {
@@ -715,16 +873,21 @@ static void slab_rows(const Sweep *s, const Slab *slab, int64_t b, float *rows[S
     for (int64_t q = 0; q < slab->planes; q++) rows[q] = slab_row(s, slab, slab->plane + q, b);
 }
 
+static void nothing_dirty(Slab *slab) {
+    slab->dirty_a0 = slab->dirty_b0 = slab->dirty_c0 = INT64_MAX;
+    slab->dirty_a1 = slab->dirty_b1 = slab->dirty_c1 = INT64_MIN;
+}
+
 static void flush_slab(Grid *g, const Frame *f, const Sweep *s, Slab *slab) {
     float *rows[SLAB_PLANES];
     if (slab->planes && slab->dirty_b0 < slab->dirty_b1) {
-        keep_box(g, slab->dirty_b0, slab->dirty_b1, slab->dirty_c0, slab->dirty_c1, slab->plane,
-                 slab->plane + slab->planes);
+        const int64_t first = slab->dirty_a0 - slab->plane, last = slab->dirty_a1 - slab->plane;
+        keep_box(g, slab->dirty_b0, slab->dirty_b1, slab->dirty_c0, slab->dirty_c1, slab->dirty_a0, slab->dirty_a1);
         for (int64_t b = slab->dirty_b0; b < slab->dirty_b1; b++) {
             slab_rows(s, slab, b, rows);
             for (int64_t c = slab->dirty_c0; c < slab->dirty_c1; c++) {
                 float *d = g->density + b * f->stride[1] + c * f->stride[2] + slab->plane;
-                for (int64_t q = 0; q < slab->planes; q++) d[q] = rows[q][c];
+                for (int64_t q = first; q < last; q++) d[q] = rows[q][c];
             }
         }
     }
@@ -744,8 +907,7 @@ static void load_slab(Grid *g, const Frame *f, const Sweep *s, Slab *slab, int64
     slab->b1 = least(f->n[1], w[1] + SLAB_MARGIN + most(0, lead_b));
     slab->c0 = most(0, w[2] - SLAB_MARGIN + least(0, lead_c));
     slab->c1 = least(f->n[2], w[3] + SLAB_MARGIN + most(0, lead_c));
-    slab->dirty_b0 = slab->dirty_c0 = INT64_MAX;
-    slab->dirty_b1 = slab->dirty_c1 = INT64_MIN;
+    nothing_dirty(slab);
     for (int64_t b = slab->b0; b < slab->b1; b++) {
         slab_rows(s, slab, b, rows);
         for (int64_t c = slab->c0; c < slab->c1; c++) {
@@ -912,36 +1074,29 @@ static int64_t ask_growth(Sweep *s, const Frame *f, int below_a, int above_a) {
     return any;
 }
 
-// What has gone farther along u than the band lets it is surplus.
-static void stop_at_band(Sweep *s, const Frame *f) {
+// What has gone farther along u than the band lets it is surplus. Returns whether any flux goes on.
+static int stop_at_band(Sweep *s, const Frame *f) {
     const double ua = s->direction[f->axis[0]], ub = s->direction[f->axis[1]], uc = s->direction[f->axis[2]];
     const int64_t *w = s->window;
     const double ahead = ua * ((double)s->plane - f->centre[0]);
     const double farthest = ahead + fmax(ub * ((double)w[0] - f->centre[1]), ub * ((double)(w[1] - 1) - f->centre[1])) +
                             fmax(uc * ((double)w[2] - f->centre[2]), uc * ((double)(w[3] - 1) - f->centre[2]));
-    if (farthest <= s->limit) return;
+    if (farthest <= s->limit) return 1;
+    int goes_on = 0;
     for (int64_t b = w[0]; b < w[1]; b++) {
         const double row = ahead + ub * ((double)b - f->centre[1]);
         for (int64_t c = w[2]; c < w[3]; c++) {
             float *flux = flux_at(s, b, c);
-            if (*flux > 0.0f && row + uc * ((double)c - f->centre[2]) > s->limit) {
+            if (*flux <= 0.0f) continue;
+            if (row + uc * ((double)c - f->centre[2]) > s->limit) {
                 s->surplus += (double)*flux;
                 *flux = 0.0f;
+            } else {
+                goes_on = 1;
             }
         }
     }
-}
-
-static int all_full(const float *d, int64_t n) {
-    const float one = 1.0f;
-    uint32_t bits = 0, full;
-    memcpy(&full, &one, sizeof full);
-    for (int64_t k = 0; k < n; k++) {
-        uint32_t word;
-        memcpy(&word, d + k, sizeof word);
-        bits |= word ^ full;
-    }
-    return bits == 0;
+    return goes_on;
 }
 
 // deposit = min(flux, 1 - d), for a row.
@@ -978,7 +1133,8 @@ static double reach_gain(const Frame *f, double x, double y, const float *laid, 
     const double z = f->centre[2], inner = f->surroundings.radius - 0.5;
     const double farthest = fmax(fabs((double)first - z), fabs((double)(last - 1) - z));
     if (f->surroundings.ball && x * x + y * y + farthest * farthest <= inner * inner) return gained;
-    return covered_sum(&f->surroundings, x, y, z, first, last, laid - first);
+    int64_t read = 0;
+    return covered_sum(&f->surroundings, x, y, z, first, last, laid - first, &nothing_known, &read);
 }
 
 // Note that a row of this plane was written, and keep its bricks before.
@@ -994,10 +1150,24 @@ static void touch_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b) 
         keep_box(g, low[0], high[0], low[1], high[1], low[2], high[2]);
         return;
     }
+    slab->dirty_a0 = least(slab->dirty_a0, s->plane);
+    slab->dirty_a1 = most(slab->dirty_a1, s->plane + 1);
     slab->dirty_b0 = least(slab->dirty_b0, b);
     slab->dirty_b1 = most(slab->dirty_b1, b + 1);
     slab->dirty_c0 = least(slab->dirty_c0, s->window[2]);
     slab->dirty_c1 = most(slab->dirty_c1, s->window[3]);
+}
+
+// Whether the map knows that the voxels [b0, b1) x [c0, c1) of this plane are full: all flux goes on, and none is read.
+static int surely_full(const Grid *g, const Frame *f, int64_t plane, int64_t b0, int64_t b1, int64_t c0, int64_t c1) {
+    if (!g->states) return 0;
+    const int64_t nj = (g->shape[1] + BRICK - 1) / BRICK, nk = (g->shape[2] + BRICK - 1) / BRICK;
+    const int64_t strides[3] = {nj * nk, nk, 1}, b_stride = strides[f->axis[1]], c_stride = strides[f->axis[2]];
+    const uint8_t *states = g->states + plane / BRICK * strides[f->axis[0]];
+    for (int64_t b = b0 / BRICK; b * BRICK < b1; b++)
+        for (int64_t c = c0 / BRICK; c * BRICK < c1; c++)
+            if (states[b * b_stride + c * c_stride] != FULL) return 0;
+    return 1;
 }
 
 // Fill what room one row has outside the tool. Returns whether any flux is left in it.
@@ -1005,6 +1175,7 @@ static int fill_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b, fl
     const int64_t *w = s->window, n = w[3] - w[2];
     const double x = (double)s->plane - f->centre[0], y = (double)b - f->centre[1];
     float *d = row + w[2], *flux = flux_at(s, b, w[2]);
+    s->read += n;
     if (all_full(d, n)) return 1; // saturated: all goes on
     // Beyond the window the flux is 0, and so is what it lays: whole lanes are faster where there is memory to read.
     const int64_t lanes = w[2] + whole_lanes(n) <= readable ? whole_lanes(n) : n;
@@ -1027,9 +1198,11 @@ static int fill_row(Grid *g, const Frame *f, Sweep *s, Slab *slab, int64_t b, fl
 // Fill what room this plane has. Returns whether any flux is left.
 static int fill_plane(Grid *g, const Frame *f, Sweep *s, Slab *slab) {
     const int in_memory = f->stride[2] == 1;
+    const int64_t *w = s->window;
     int left = 0;
-    if (!in_memory && !slab_holds(slab, s->window, s->plane)) load_slab(g, f, s, slab, s->plane);
-    for (int64_t b = s->window[0]; b < s->window[1]; b++) {
+    if (surely_full(g, f, s->plane, w[0], w[1], w[2], w[3])) return 1;
+    if (!in_memory && !slab_holds(slab, w, s->plane)) load_slab(g, f, s, slab, s->plane);
+    for (int64_t b = w[0]; b < w[1]; b++) {
         const int64_t start = s->plane * f->stride[0] + b * f->stride[1], voxels = f->n[0] * f->n[1] * f->n[2];
         float *row = in_memory ? g->density + start : slab_row(s, slab, s->plane, b);
         left |= fill_row(g, f, s, slab, b, row, in_memory ? voxels - start : 0);
@@ -1052,10 +1225,92 @@ static void prefetch_row(const float *d, int64_t low, int64_t high) {
 // Ask for a plane's rows while the flux is still being spread: each is a new place in memory.
 static void prefetch_plane(const Grid *g, const Frame *f, const Sweep *s) {
     if (f->stride[2] != 1) return; // those planes are read through the slab
-    for (int64_t b = most(0, s->window[0] - 1); b < least(f->n[1], s->window[1] + 1); b++) {
-        const float *d = g->density + s->plane * f->stride[0] + b * f->stride[1];
-        prefetch_row(d, most(0, s->window[2] - 1), least(f->n[2], s->window[3] + 1));
+    const int64_t *w = s->window, b0 = most(0, w[0] - 1), b1 = least(f->n[1], w[1] + 1);
+    const int64_t c0 = most(0, w[2] - 1), c1 = least(f->n[2], w[3] + 1);
+    if (surely_full(g, f, s->plane, b0, b1, c0, c1)) return;
+    for (int64_t b = b0; b < b1; b++) prefetch_row(g->density + s->plane * f->stride[0] + b * f->stride[1], c0, c1);
+}
+
+// Leap: in full material the flux only spreads, and that is diffusion, so the kernel of one plane with holes of h voxels
+// between its taps spreads for h^2 planes at once, on the same voxels.
+
+// Where a leap may carry the flux.
+static void leap_window(const Sweep *s, int64_t w[4]) {
+    for (int i = 0; i < 2; i++) {
+        w[2 * i] = s->window[2 * i] + least(0, s->leap_shift[i] - s->hole);
+        w[2 * i + 1] = s->window[2 * i + 1] + most(0, s->leap_shift[i] + s->hole);
     }
+}
+
+// Whether the map knows it of planes [first, last): none is read.
+static int surely_full_ahead(const Grid *g, const Frame *f, const int64_t w[4], int64_t first, int64_t last) {
+    for (int64_t plane = first; plane < last; plane = (plane / BRICK + 1) * BRICK)
+        if (!surely_full(g, f, plane, w[0], w[1], w[2], w[3])) return 0;
+    return 1;
+}
+
+// Whether planes [first, last) are full in a window; asked from the far end, where room is likelier.
+static int all_full_ahead(const Grid *g, const Frame *f, const int64_t w[4], int64_t first, int64_t last,
+                          int64_t step) {
+    if (surely_full_ahead(g, f, w, first, last)) return 1;
+    if (f->stride[2] != 1) { // then a row along c is far apart in memory, and the planes are not
+        for (int64_t b = w[0]; b < w[1]; b++)
+            for (int64_t c = w[2]; c < w[3]; c++) {
+                const float *d = g->density + b * f->stride[1] + c * f->stride[2] + first;
+                if (c + ROWS_AHEAD < w[3]) prefetch_row(d + ROWS_AHEAD * f->stride[2], 0, last - first);
+                if (!all_full(d, last - first)) return 0;
+            }
+        return 1;
+    }
+    for (int64_t q = 0; q < last - first; q++) {
+        const int64_t plane = step > 0 ? last - 1 - q : first + q;
+        for (int64_t b = w[0]; b < w[1]; b++) {
+            const float *d = g->density + plane * f->stride[0] + b * f->stride[1] + w[2];
+            if (b + ROWS_AHEAD < w[1]) prefetch_row(d + ROWS_AHEAD * f->stride[1], 0, w[3] - w[2]);
+            if (!all_full(d, w[3] - w[2])) return 0;
+        }
+    }
+    return 1;
+}
+
+// Whether the flux may leap from the plane before this one: far from the tool, through full material inside the grid. A
+// band may lie on the way: nothing is laid there, and all that is over it is surplus in the next plane.
+static int may_leap(const Grid *g, const Frame *f, const Sweep *s, int64_t step) {
+    const int64_t planes = s->hole * s->hole, end = s->plane + step * (planes - 1);
+    int64_t w[4];
+    if (!planes || (double)step * ((double)s->plane - f->centre[0]) < s->far) return 0;
+    leap_window(s, w);
+    if (end < 0 || end >= f->n[0] || w[0] < 0 || w[1] > f->n[1] || w[2] < 0 || w[3] > f->n[2]) return 0;
+    return all_full_ahead(g, f, w, least(s->plane, end), most(s->plane, end) + 1, step);
+}
+
+// flux'(b, c) = sum of w(i, j) flux(b - h i, c - h j): one row from three.
+static void leap_row(const float w[9], int64_t h, const float *restrict above, const float *restrict here,
+                     const float *restrict below, int64_t n, float *restrict to) {
+    for (int64_t k = 0; k < n; k++)
+        to[k] = w[0] * above[k + 2 * h] + w[1] * above[k + h] + w[2] * above[k] + w[3] * here[k + 2 * h] +
+                w[4] * here[k + h] + w[5] * here[k] + w[6] * below[k + 2 * h] + w[7] * below[k + h] + w[8] * below[k];
+}
+
+// The flux on the plane to which it leaps.
+static void leap(Sweep *s, int64_t step) {
+    const int64_t h = s->hole, *w = s->window, rows = w[1] - w[0], n = w[3] - w[2], stride = n + 4 * h;
+    float *framed = s->next; // a copy with as much air around it as the kernel is wide
+    memset(framed, 0, (size_t)((rows + 4 * h) * stride) * sizeof(float));
+    for (int64_t b = 0; b < rows; b++)
+        memcpy(framed + (b + 2 * h) * stride + 2 * h, flux_at(s, w[0] + b, w[2]), (size_t)n * sizeof(float));
+    const int64_t reached[4] = {w[0] + s->leap_shift[0] - h, w[1] + s->leap_shift[0] + h, w[2] + s->leap_shift[1] - h,
+                                w[3] + s->leap_shift[1] + h};
+    lay_buffer(s, s->flux, reached);
+    for (int64_t b = 0; b < rows + 2 * h; b++) {
+        const float *above = framed + (b + 2 * h) * stride, *here = framed + (b + h) * stride;
+        leap_row(s->leap_weights, h, above, here, framed + b * stride, n + 2 * h,
+                 flux_at(s, reached[0] + b, reached[2]));
+    }
+    trim(s);
+    s->plane += step * (h * h - 1);
+    s->planes++;
+    s->visited += (s->window[1] - s->window[0]) * (s->window[3] - s->window[2]);
 }
 
 // Carry the emptied mass plane by plane along the dominant axis, from the tool's rear (DESIGN 2, Dispersion).
@@ -1081,6 +1336,10 @@ EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s
                 break;
             }
             if (s->window[0] >= s->window[1] && !sources) continue;
+            if (!sources_ahead && may_leap(g, &f, s, step)) {
+                leap(s, step);
+                continue;
+            }
             prefetch_plane(g, &f, s);
             spread(s, e, sources);
             if (sources) add_sources(s, e);
@@ -1099,8 +1358,8 @@ EXPORT int64_t repousse_sweep(Grid *g, const Tool *t, const Emptied *e, Sweep *s
             continue;
         }
         s->visited += (s->window[1] - s->window[0]) * (s->window[3] - s->window[2]);
-        if (s->limit < INFINITY) stop_at_band(s, &f);
-        if (!fill_plane(g, &f, s, &slab)) s->window[1] = s->window[0];
+        const int goes_on = s->limit == INFINITY || stop_at_band(s, &f);
+        if (!goes_on || !fill_plane(g, &f, s, &slab)) s->window[1] = s->window[0];
     }
     flush_slab(g, &f, s, &slab);
     return DONE;
@@ -1113,13 +1372,16 @@ static int64_t cluster_of(double x, double side) {
     return within(x < 0.0 ? middle - steps : middle + steps, 0, CLUSTERS - 1);
 }
 
-// Cluster the emptied material into points, and measure a = sqrt(2 variance across u), the radius of a disc that
+// Cluster the emptied material into points a part of its radius apart, which is less than the tool's where that is not
+// wholly emptied, and measure a = sqrt(2 variance across u), the radius of a disc that
 // spreads as far.
 EXPORT void repousse_rim_sources(const Grid *g, const Tool *t, const Emptied *e, const double u[3], Sources *out) {
     double bins[MAX_POINTS][4], mass = 0.0, mean[3] = {0.0, 0.0, 0.0}, second = 0.0;
     const Frame f = frame_of(g, t, e->axis);
-    const double side =
-        fmax(fmax(extent(&t->volume, 0), extent(&t->volume, 1)), extent(&t->volume, 2)) / CLUSTERS_IN_RADIUS;
+    double radius = CLUSTERS_IN_RADIUS; // of what was emptied, about the tool's centre
+    for (int i = 0; i < 3; i++)
+        radius = fmax(radius, fmax(f.centre[i] - (double)e->first[i], (double)(e->last[i] - 1) - f.centre[i]));
+    const double side = radius / CLUSTERS_IN_RADIUS;
     memset(bins, 0, sizeof bins);
     for (int64_t a = e->first[0]; a < e->last[0]; a++)
         for (int64_t b = e->first[1]; b < e->last[1]; b++)
@@ -1160,12 +1422,11 @@ EXPORT void repousse_rim_sources(const Grid *g, const Tool *t, const Emptied *e,
 typedef struct { // positions relative to their mean
     float x[MAX_POINTS + LANES], y[MAX_POINTS + LANES], z[MAX_POINTS + LANES], mass[MAX_POINTS + LANES];
     int64_t padded;
-    double centre[3], low[3], high[3];
+    double centre[3], low[3], high[3], total;
 } Points;
 
 static Points points_of(const Sources *s) {
     Points p = {.padded = whole_lanes(s->count)};
-    double total = 0.0;
     for (int i = 0; i < 3; i++) {
         p.low[i] = INFINITY;
         p.high[i] = -INFINITY;
@@ -1173,14 +1434,14 @@ static Points points_of(const Sources *s) {
     }
     for (int64_t q = 0; q < s->count; q++) {
         const double at[3] = {s->x[q], s->y[q], s->z[q]};
-        total += s->mass[q];
+        p.total += s->mass[q];
         for (int i = 0; i < 3; i++) {
             p.centre[i] += s->mass[q] * at[i];
             p.low[i] = fmin(p.low[i], at[i]);
             p.high[i] = fmax(p.high[i], at[i]);
         }
     }
-    for (int i = 0; i < 3; i++) p.centre[i] /= total;
+    for (int i = 0; i < 3; i++) p.centre[i] /= p.total;
     for (int64_t q = 0; q < s->count; q++) {
         p.x[q] = (float)(s->x[q] - p.centre[0]);
         p.y[q] = (float)(s->y[q] - p.centre[1]);
@@ -1190,57 +1451,87 @@ static Points points_of(const Sources *s) {
     return p;
 }
 
-// sum over the sources of e max(0, 1 - |x - x_s| / L)
-static float hat_sum(const Points *p, double length, int64_t i, int64_t j, int64_t k) {
-    const float x = (float)((double)i - p->centre[0]), y = (float)((double)j - p->centre[1]),
-                z = (float)((double)k - p->centre[2]);
-    const float inverse = (float)(1.0 / length);
-    float lanes[LANES] = {0.0f};
-    for (int64_t q = 0; q < p->padded; q += LANES)
-        for (int l = 0; l < LANES; l++) {
-            const float dx = x - p->x[q + l], dy = y - p->y[q + l], dz = z - p->z[q + l];
-            const float hat = 1.0f - sqrtf(dx * dx + dy * dy + dz * dz) * inverse;
-            lanes[l] += p->mass[q + l] * (hat > 0.0f ? hat : 0.0f);
-        }
-    float sum = 0.0f;
-    for (int l = 0; l < LANES; l++) sum += lanes[l];
-    return sum;
-}
-
 static float density_at(const Grid *g, int64_t i, int64_t j, int64_t k) {
     if (i < 0 || j < 0 || k < 0 || i >= g->shape[0] || j >= g->shape[1] || k >= g->shape[2]) return 0.0f;
     return g->density[(i * g->shape[1] + j) * g->shape[2] + k];
+}
+
+// Distance to a shape, or something beyond NEAR where that needs no square root.
+static double distance_near(const Shape *s, double x, double y, double z) {
+    if (fabs(x) > extent(s, 0) + NEAR || fabs(y) > extent(s, 1) + NEAR || fabs(z) > extent(s, 2) + NEAR)
+        return 2.0 * NEAR;
+    return distance(s, x, y, z);
+}
+
+static double covered(const Shape *s, double x, double y, double z) { return coverage_at(distance_near(s, x, y, z)); }
+
+// A voxel in one number that sorts as its index does, and is taken apart without dividing.
+#define PLACE_BITS 19
+#define PLACE_MASK ((1 << PLACE_BITS) - 1)
+static int64_t place_of(int64_t i, int64_t j, int64_t k) { return (i << PLACE_BITS | j) << PLACE_BITS | k; }
+static void take_apart(int64_t place, int64_t at[3]) {
+    at[0] = place >> 2 * PLACE_BITS;
+    at[1] = place >> PLACE_BITS & PLACE_MASK;
+    at[2] = place & PLACE_MASK;
 }
 
 static const int64_t neighbours[6][3] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
 
 // Room that the tool leaves in a voxel, cap = 1 - w; 1 far from it.
 static double capacity(const Tool *t, int64_t i, int64_t j, int64_t k) {
-    return 1.0 - coverage(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
+    return 1.0 - covered(&t->volume, (double)i - t->centre[0], (double)j - t->centre[1], (double)k - t->centre[2]);
 }
 
-// How many of a voxel's six neighbours are full: only beside those does material rise.
-static int full_neighbours(const Grid *g, const Tool *t, int near, int64_t i, int64_t j, int64_t k) {
-    int full = 0;
-    if (!near && i > 0 && j > 0 && k > 0 && i + 1 < g->shape[0] && j + 1 < g->shape[1] && k + 1 < g->shape[2]) {
-        const int64_t n = g->shape[2], plane = g->shape[1] * n;
-        const float *d = g->density + i * plane + j * n + k, enough = 1.0f - NEARLY_FULL;
-        return (d[plane] >= enough) + (d[-plane] >= enough) + (d[n] >= enough) + (d[-n] >= enough) + (d[1] >= enough) +
-               (d[-1] >= enough);
-    }
+// How far material has come up in a voxel that carries the next one: 0 below RISING, 1 from RISEN on.
+static float risen(float d) { return d <= RISING ? 0.0f : d >= RISEN ? 1.0f : (d - RISING) / (RISEN - RISING); }
+
+static int full_at(const Grid *g, const Tool *t, int near, int64_t i, int64_t j, int64_t k) {
+    const double cap = near ? capacity(t, i, j, k) : 1.0;
+    return cap >= 0.5 && (double)density_at(g, i, j, k) >= cap - (double)NEARLY_FULL;
+}
+
+static float share_of(int on_full, float here, float carried) {
+    return on_full ? 1.0f - 0.5f * risen(here) : 0.5f * carried;
+}
+
+// `support` where neither the tool nor the grid's end is near.
+static float support_inside(const float *d, const int64_t stride[3]) {
+    const float enough = 1.0f - NEARLY_FULL;
+    float carried = 0.0f;
+    for (int a = 0; a < 3; a++)
+        for (int64_t step = -stride[a]; step <= stride[a]; step += 2 * stride[a]) {
+            if (d[step] >= enough) return share_of(1, *d, 0.0f);
+            if (d[step] > RISING && d[2 * step] >= enough) carried = fmaxf(carried, risen(d[step]));
+        }
+    return share_of(0, *d, carried);
+}
+
+// Share of what comes up here that this voxel takes. On full material it takes all, and half once it carries the next
+// voxel, which takes the other half: a surface that rises is two voxels thick, and no step shows (core/rim.py).
+static float support(const Grid *g, const Tool *t, int near, int64_t i, int64_t j, int64_t k) {
+    const int64_t *n = g->shape, stride[3] = {n[1] * n[2], n[2], 1};
+    if (!near && i > 1 && j > 1 && k > 1 && i + 2 < n[0] && j + 2 < n[1] && k + 2 < n[2])
+        return support_inside(g->density + i * stride[0] + j * stride[1] + k, stride);
+    float carried = 0.0f;
     for (int q = 0; q < 6; q++) {
-        const int64_t x = i + neighbours[q][0], y = j + neighbours[q][1], z = k + neighbours[q][2];
-        const double cap = near ? capacity(t, x, y, z) : 1.0;
-        full += cap >= 0.5 && (double)density_at(g, x, y, z) >= cap - (double)NEARLY_FULL;
+        const int64_t *to = neighbours[q], x = i + to[0], y = j + to[1], z = k + to[2];
+        if (full_at(g, t, near, x, y, z)) return share_of(1, density_at(g, i, j, k), 0.0f);
+        const float carries = risen(density_at(g, x, y, z));
+        if (carries > carried && full_at(g, t, near, x + to[0], y + to[1], z + to[2])) carried = carries;
     }
-    return full;
+    return share_of(0, 0.0f, carried);
 }
 
-// The tool's wake: where it came from, out to `wake` voxels behind it. Nothing falls in there.
-static int in_wake(const Tool *t, const double u[3], double wake, double x, double y, double z) {
-    const double behind = fmin(-(x * u[0] + y * u[1] + z * u[2]), wake);
-    if (behind <= 0.0) return 0;
-    return distance(&t->volume, x + behind * u[0], y + behind * u[1], z + behind * u[2]) < 0.5;
+// Signed distance to all that the tool has gone through on the last `wake` voxels of its way.
+static double swept_distance(const Tool *t, const Rim *r, double x, double y, double z) {
+    const double *u = r->direction, behind = clamp(-(x * u[0] + y * u[1] + z * u[2]), 0.0, r->wake);
+    return distance(&t->volume, x + behind * u[0], y + behind * u[1], z + behind * u[2]);
+}
+
+// The tool's wake: where it came from. Nothing falls in there.
+static int in_wake(const Tool *t, const Rim *r, double x, double y, double z) {
+    const double *u = r->direction;
+    return x * u[0] + y * u[1] + z * u[2] < 0.0 && r->wake > 0.0 && swept_distance(t, r, x, y, z) < 0.5;
 }
 
 static int inside_grid(const Grid *g, const double at[3]) {
@@ -1249,19 +1540,13 @@ static int inside_grid(const Grid *g, const double at[3]) {
     return 1;
 }
 
-// Whether material joins a voxel of the surface to the sources: the line from just inside it must not cross air.
-static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, int64_t j, int64_t k) {
-    double inward[3], from[3], way[3], length2 = 0.0, norm2 = 0.0;
-    const int64_t at[3] = {i, j, k};
+// Whether material joins a cell of the surface to the sources: the line from just inside it must not cross air. The
+// tool and its wake count as material: it flows around them.
+static int joined(const Grid *g, const Tool *t, Rim *r, const double to[3], const Cell *cell) {
+    double from[3], way[3], length2 = 0.0;
+    const double *in = cell->inward, norm = fmax(sqrt(in[0] * in[0] + in[1] * in[1] + in[2] * in[2]), 1e-6);
     for (int a = 0; a < 3; a++) {
-        const int64_t *up = neighbours[2 * a], *down = neighbours[2 * a + 1];
-        inward[a] = (double)density_at(g, i + up[0], j + up[1], k + up[2]) -
-                    (double)density_at(g, i + down[0], j + down[1], k + down[2]);
-        norm2 += inward[a] * inward[a];
-    }
-    const double norm = fmax(sqrt(norm2), 1e-6);
-    for (int a = 0; a < 3; a++) {
-        from[a] = (double)at[a] + SIGHT_INSET * inward[a] / norm;
+        from[a] = cell->at[a] / (double)cell->count + SIGHT_INSET * in[a] / norm;
         way[a] = to[a] - from[a];
         length2 += way[a] * way[a];
     }
@@ -1275,31 +1560,60 @@ static int joined(const Grid *g, const Tool *t, const double to[3], int64_t i, i
             surely_inside
                 ? g->density[((int64_t)(x + 0.5) * g->shape[1] + (int64_t)(y + 0.5)) * g->shape[2] + (int64_t)(z + 0.5)]
                 : density_at(g, floor_of(x + 0.5), floor_of(y + 0.5), floor_of(z + 0.5));
-        if (d < SIGHT_AIR && distance(&t->volume, x - t->centre[0], y - t->centre[1], z - t->centre[2]) > 1.0) return 0;
+        r->sights++;
+        if (d < SIGHT_AIR && swept_distance(t, r, x - t->centre[0], y - t->centre[1], z - t->centre[2]) > 1.0) return 0;
     }
     return 1;
 }
 
-// A row and the four beside it, the sixth and seventh neighbours being in the row itself.
+// A row and those beside it, one and two voxels away; the other neighbours are in the row itself.
 typedef struct {
-    const float *row, *beside[4];
+    const float *row, *beside[4], *second[4];
 } Rows;
 
 static Rows rows_around(const Grid *g, const Rim *r, int64_t i, int64_t j) {
-    const int64_t n = g->shape[2], plane = g->shape[1] * n;
-    const float *d = g->density + i * plane + j * n;
-    return (Rows){d,
-                  {i + 1 < g->shape[0] ? d + plane : r->zeros, i > 0 ? d - plane : r->zeros,
-                   j + 1 < g->shape[1] ? d + n : r->zeros, j > 0 ? d - n : r->zeros}};
+    const int64_t n = g->shape[2], step[2] = {g->shape[1] * n, n}, at[2] = {i, j};
+    Rows rows = {.row = g->density + i * step[0] + j * n};
+    for (int q = 0; q < 4; q++) {
+        const int64_t a = q / 2, way = q % 2 ? -1 : 1, one = at[a] + way, two = one + way;
+        rows.beside[q] = one >= 0 && one < g->shape[a] ? rows.row + way * step[a] : r->zeros;
+        rows.second[q] = two >= 0 && two < g->shape[a] ? rows.row + 2 * way * step[a] : r->zeros;
+    }
+    return rows;
 }
 
-// Mark which of LANES voxels, none at the row's ends, are not full and have a neighbour of at least `enough`.
-static void mark(const Rows *rows, float enough, int64_t first, uint8_t *restrict marks) {
-    const float *d = rows->row + first, *a = rows->beside[0] + first, *b = rows->beside[1] + first;
-    const float *e = rows->beside[2] + first, *f = rows->beside[3] + first, full = 1.0f - NEARLY_FULL;
-    for (int k = 0; k < LANES; k++)
-        marks[k] = (uint8_t)((d[k] < full) & ((a[k] >= enough) | (b[k] >= enough) | (e[k] >= enough) |
-                                              (f[k] >= enough) | (d[k - 1] >= enough) | (d[k + 1] >= enough)));
+// At least `enough` where a neighbour is, or where it carries (d > RISING) and the one behind it is.
+static void strongest(const float *restrict one, const float *restrict two, float enough, float *restrict most_) {
+    const float lift = enough - RISING;
+    for (int k = 0; k < LANES; k++) {
+        const float behind = one[k] + lift < two[k] ? one[k] + lift : two[k];
+        const float here = one[k] > behind ? one[k] : behind;
+        most_[k] = here > most_[k] ? here : most_[k];
+    }
+}
+
+// Mark which of LANES voxels, none at the row's ends, are not full and have such a neighbour; whether any is.
+static int mark(const Rows *rows, float enough, int64_t first, uint8_t *restrict marks) {
+    const float *d = rows->row + first, full = 1.0f - NEARLY_FULL;
+    float found[LANES] = {0.0f};
+    int any = 0;
+    for (int k = 0; k < LANES; k++) any |= d[k] < full;
+    if (!any) return 0;
+    any = 0;
+    strongest(d - 1, d - 2, enough, found);
+    strongest(d + 1, d + 2, enough, found);
+    for (int q = 0; q < 4; q++) strongest(rows->beside[q] + first, rows->second[q] + first, enough, found);
+    for (int k = 0; k < LANES; k++) any |= (found[k] >= enough) & (d[k] < full);
+    if (any)
+        for (int k = 0; k < LANES; k++) marks[k] = (uint8_t)((found[k] >= enough) & (d[k] < full));
+    return any;
+}
+
+// Whether a voxel at the grid's end has a neighbour that may be full or carry: the exact test decides.
+static uint8_t mark_at_end(const Rows *rows, int64_t k, int64_t n) {
+    float found = fmaxf(k > 0 ? rows->row[k - 1] : 0.0f, k + 1 < n ? rows->row[k + 1] : 0.0f);
+    for (int q = 0; q < 4; q++) found = fmaxf(found, rows->beside[q][k]);
+    return found > RISING;
 }
 
 // Nothing to mark where all is full, or where all is air.
@@ -1312,74 +1626,224 @@ static int dull(const Rows *rows, int64_t k) {
 
 // Where in a row a voxel may be beside the tool: there it is full when it fills what the tool leaves of it.
 static Span near_tool(const Tool *t, int64_t i, int64_t j) {
-    if (fabs((double)i - t->centre[0]) > extent(&t->volume, 0) + 3.0 ||
-        fabs((double)j - t->centre[1]) > extent(&t->volume, 1) + 3.0)
+    if (fabs((double)i - t->centre[0]) > extent(&t->volume, 0) + NEAR ||
+        fabs((double)j - t->centre[1]) > extent(&t->volume, 1) + NEAR)
         return no_span;
-    return (Span){floor_of(t->centre[2] - extent(&t->volume, 2) - 3.0),
-                  ceil_of(t->centre[2] + extent(&t->volume, 2) + 3.0)};
+    return (Span){floor_of(t->centre[2] - extent(&t->volume, 2) - NEAR),
+                  ceil_of(t->centre[2] + extent(&t->volume, 2) + NEAR) + 1};
 }
 
-// The voxels of a row within `length` of the box around the sources.
-static Span row_of_hats(const Points *p, double length, int64_t i, int64_t j, int64_t n) {
-    const double x = fmax(fmax(p->low[0] - (double)i, (double)i - p->high[0]), 0.0);
-    const double y = fmax(fmax(p->low[1] - (double)j, (double)j - p->high[1]), 0.0),
-                 left = length * length - x * x - y * y;
-    if (left <= 0.0) return no_span;
-    const int64_t low = ceil_of(clamp(p->low[2] - sqrt(left), 0.0, (double)n));
-    return (Span){low, most(low, floor_of(clamp(p->high[2] + sqrt(left), -1.0, (double)(n - 1))) + 1)};
+// W = sum over the sources of e max(0, 1 - |x - x_s| / L), less FAINT of all, on nodes around the tool's centre. It
+// bends little within a node's distance, so between nodes it is interpolated.
+typedef struct {
+    double low[3], spacing; // position of the first node
+    int64_t n[3];
+    float *value;
+} Lattice;
+
+static Lattice lattice_around(const Points *p, const Tool *t, double length, float *value) {
+    Lattice w = {.spacing = length / NODES_IN_HAT, .value = value};
+    for (int a = 0; a < 3; a++)
+        w.spacing = fmax(w.spacing, (p->high[a] - p->low[a] + 2.0 * length) / (double)(LATTICE - 3));
+    for (int a = 0; a < 3; a++) {
+        const int64_t first = floor_of((p->low[a] - length - t->centre[a]) / w.spacing);
+        w.n[a] = ceil_of((p->high[a] + length - t->centre[a]) / w.spacing) - first + 1;
+        w.low[a] = t->centre[a] + (double)first * w.spacing;
+    }
+    return w;
 }
 
-// W of one voxel = (full neighbours) x (sum of hats), or 0 where material cannot rise.
-static float rise_weight(const Grid *g, const Tool *t, const Points *p, const Rim *r, double length, int64_t i,
-                         int64_t j, int64_t k) {
+// Distance along one axis to the box around the sources.
+static double beyond_box(const Points *p, int a, double x) { return fmax(fmax(p->low[a] - x, x - p->high[a]), 0.0); }
+
+static void sum_hats(const Points *p, double length, Lattice *w, Rim *r) {
+    const float inverse = (float)(1.0 / length), faint = (float)(FAINT * p->total);
+    float across2[MAX_POINTS + LANES];
+    for (int64_t a = 0; a < w->n[0]; a++)
+        for (int64_t b = 0; b < w->n[1]; b++) {
+            const double at[2] = {w->low[0] + (double)a * w->spacing, w->low[1] + (double)b * w->spacing};
+            const double far_x = beyond_box(p, 0, at[0]), far_y = beyond_box(p, 1, at[1]);
+            const float x = (float)(at[0] - p->centre[0]), y = (float)(at[1] - p->centre[1]);
+            float *row = w->value + (a * w->n[1] + b) * w->n[2];
+            for (int64_t q = 0; q < p->padded; q++) {
+                const float dx = x - p->x[q], dy = y - p->y[q];
+                across2[q] = dx * dx + dy * dy;
+            }
+            for (int64_t c = 0; c < w->n[2]; c++) {
+                const double at_c = w->low[2] + (double)c * w->spacing, far_z = beyond_box(p, 2, at_c);
+                const float z = (float)(at_c - p->centre[2]);
+                float lanes[LANES] = {0.0f}, sum = 0.0f;
+                row[c] = -faint;
+                if (far_x * far_x + far_y * far_y + far_z * far_z >= length * length) continue;
+                r->hats += p->padded;
+                for (int64_t q = 0; q < p->padded; q += LANES)
+                    for (int l = 0; l < LANES; l++) {
+                        const float dz = z - p->z[q + l];
+                        const float hat = 1.0f - sqrtf(across2[q + l] + dz * dz) * inverse;
+                        lanes[l] += p->mass[q + l] * (hat > 0.0f ? hat : 0.0f);
+                    }
+                for (int l = 0; l < LANES; l++) sum += lanes[l];
+                row[c] += sum;
+            }
+        }
+}
+
+static int64_t cell_in_lattice(const Lattice *w, int a, double x) {
+    return within(floor_of((x - w->low[a]) / w->spacing), 0, w->n[a] - 2);
+}
+
+// The voxels of a row, n long, in column (a, b) of the lattice, between nodes of which any is above 0.
+static Span row_of_hats(const Lattice *w, int64_t a, int64_t b, int64_t n) {
+    const int64_t row = w->n[2];
+    int64_t first = row, last = -1;
+    for (int q = 0; q < 4; q++) {
+        const float *v = w->value + ((a + q / 2) * w->n[1] + b + q % 2) * row;
+        for (int64_t c = 0; c < row; c++)
+            if (v[c] > 0.0f) {
+                first = least(first, c);
+                last = most(last, c);
+            }
+    }
+    if (last < 0) return no_span;
+    const double low = w->low[2] + (double)(first - 1) * w->spacing, high = w->low[2] + (double)(last + 1) * w->spacing;
+    const int64_t begin = ceil_of(clamp(low, 0.0, (double)n));
+    return (Span){begin, most(begin, floor_of(clamp(high, -1.0, (double)(n - 1))) + 1)};
+}
+
+static double between(double part, double first, double second) { return first + part * (second - first); }
+
+static float hats_at(const Lattice *w, int64_t i, int64_t j, int64_t k) {
+    const double x[3] = {(double)i, (double)j, (double)k};
+    int64_t cell[3];
+    double part[3], along[4];
+    for (int a = 0; a < 3; a++) {
+        cell[a] = cell_in_lattice(w, a, x[a]);
+        part[a] = (x[a] - w->low[a]) / w->spacing - (double)cell[a];
+    }
+    for (int q = 0; q < 4; q++) {
+        const float *v = w->value + ((cell[0] + q / 2) * w->n[1] + cell[1] + q % 2) * w->n[2] + cell[2];
+        along[q] = between(part[2], (double)v[0], (double)v[1]);
+    }
+    return (float)between(part[0], between(part[1], along[0], along[1]), between(part[1], along[2], along[3]));
+}
+
+// Weight of one voxel = W x support, or 0 where material cannot rise.
+static float rise_weight(const Grid *g, const Tool *t, const Lattice *w, Rim *r, int64_t i, int64_t j, int64_t k) {
     const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
-    const double far = distance(&t->volume, x, y, z), room = 1.0 - coverage_at(far) - (double)density_at(g, i, j, k);
+    const double far = distance_near(&t->volume, x, y, z),
+                 room = 1.0 - coverage_at(far) - (double)density_at(g, i, j, k);
+    r->asked++;
     if (room <= (double)NEARLY_FULL) return 0.0f;
-    const int full = full_neighbours(g, t, far < 1.6, i, j, k);
-    if (!full || in_wake(t, r->direction, r->wake, x, y, z)) return 0.0f;
-    const float hats = hat_sum(p, length, i, j, k);
-    if (hats <= 0.0f || !joined(g, t, p->centre, i, j, k)) return 0.0f;
-    return hats * (float)full * (float)fmin(room / LITTLE_ROOM, 1.0);
+    const float carried = support(g, t, far < NEAR, i, j, k);
+    if (carried <= 0.0f || in_wake(t, r, x, y, z)) return 0.0f;
+    return hats_at(w, i, j, k) * carried * (float)fmin(room / LITTLE_ROOM, 1.0);
 }
 
-static int64_t list_voxel(Rim *r, int64_t index, float weight) {
+// Number of a cell of the surface along one axis, from the tool's centre: symmetric at ties.
+static int64_t surface_cell(double x) {
+    const int64_t steps = floor_of(fabs(x) / SIGHT_CELL + 0.5);
+    return x < 0.0 ? -steps : steps;
+}
+
+static int64_t first_cell(const Tool *t, int a) { return surface_cell(-t->centre[a]); }
+
+// Difference of the densities on both sides of a voxel, along each axis.
+static void add_inward(const Grid *g, const int64_t at[3], double inward[3]) {
+    const int64_t *n = g->shape, stride[3] = {n[1] * n[2], n[2], 1};
+    const float *d = g->density + at[0] * stride[0] + at[1] * stride[1] + at[2];
+    for (int a = 0; a < 3; a++) {
+        const float up = at[a] + 1 < n[a] ? d[stride[a]] : 0.0f, down = at[a] > 0 ? d[-stride[a]] : 0.0f;
+        inward[a] += (double)up - (double)down;
+    }
+}
+
+// Of the listed voxels from `first` on, all in one layer of cells, keep those whose cell is joined to the sources.
+static void keep_joined(const Grid *g, const Tool *t, Rim *r, const double to[3], int64_t first) {
+    const int64_t columns = surface_cell((double)(g->shape[2] - 1) - t->centre[2]) - first_cell(t, 2) + 1;
+    const int64_t origin = first_cell(t, 1) * columns + first_cell(t, 2);
+    int64_t kept = first, at[3];
+    for (int64_t q = first; q < r->count; q++) {
+        take_apart(r->index[q], at);
+        r->spill_index[q] =
+            surface_cell((double)at[1] - t->centre[1]) * columns + surface_cell((double)at[2] - t->centre[2]) - origin;
+        Cell *cell = r->cells + r->spill_index[q];
+        cell->count++;
+        for (int a = 0; a < 3; a++) cell->at[a] += (double)at[a];
+        add_inward(g, at, cell->inward);
+    }
+    for (int64_t q = first; q < r->count; q++) {
+        Cell *cell = r->cells + r->spill_index[q];
+        if (!cell->joined) cell->joined = joined(g, t, r, to, cell) ? JOINED : APART;
+    }
+    const int64_t last = r->count;
+    for (int64_t q = first; q < last; q++) {
+        if (r->cells[r->spill_index[q]].joined != JOINED) continue;
+        r->index[kept] = r->index[q];
+        r->weight[kept++] = r->weight[q];
+    }
+    r->count = kept;
+    for (int64_t q = first; q < last; q++) memset(r->cells + r->spill_index[q], 0, sizeof(Cell));
+}
+
+static int64_t list_voxel(Rim *r, int64_t place, float weight) {
     if (weight <= 0.0f) return DONE;
     if (r->count == r->capacity) return LIST_FULL;
-    r->index[r->count] = index;
+    r->index[r->count] = place;
     r->weight[r->count++] = weight;
+    return DONE;
+}
+
+static int64_t gather_row(const Grid *g, const Tool *t, const Lattice *w, Rim *r, int64_t i, int64_t j, Span row) {
+    const int64_t n = g->shape[2];
+    const Span beside_tool = near_tool(t, i, j);
+    const Rows rows = rows_around(g, r, i, j);
+    if (i + 2 < g->shape[0] && j + 3 < g->shape[1]) prefetch_row(rows.second[0] + 3 * n, row.low, row.high);
+    for (int64_t k = row.low; k < row.high;) {
+        if (k > 1 && k + STRETCH + 1 < n && dull(&rows, k)) {
+            k += STRETCH;
+            continue;
+        }
+        const int64_t begin = k, end = least(k + LANES, row.high);
+        const float enough = k < beside_tool.high && end > beside_tool.low ? 0.49f : 1.0f - NEARLY_FULL;
+        uint8_t marks[LANES];
+        if (k < 2 || k + LANES + 1 >= n)
+            for (int64_t q = k; q < end; q++) marks[q - k] = mark_at_end(&rows, q, n);
+        else if (!mark(&rows, enough, k, marks)) {
+            k = end;
+            continue;
+        }
+        for (; k < end; k++)
+            if (marks[k - begin] && list_voxel(r, place_of(i, j, k), rise_weight(g, t, w, r, i, j, k)) == LIST_FULL)
+                return LIST_FULL;
+    }
     return DONE;
 }
 
 // Collect the free surface around the contact: each voxel that may be part of it is asked for its weight.
 EXPORT int64_t repousse_rim_gather(const Grid *g, const Tool *t, const Sources *s, double length, Rim *r) {
     const Points p = points_of(s);
-    const int64_t n = g->shape[2];
-    int64_t low[2], high[2];
+    Lattice w = lattice_around(&p, t, length, r->lattice);
+    int64_t low[2], high[2], layer = 0;
+    sum_hats(&p, length, &w, r);
     r->count = 0;
     for (int a = 0; a < 2; a++) {
         low[a] = most(0, ceil_of(clamp(p.low[a] - length, 0.0, (double)g->shape[a])));
         high[a] = least(g->shape[a], floor_of(clamp(p.high[a] + length, -1.0, (double)g->shape[a])) + 1);
     }
-    for (int64_t i = low[0]; i < high[0]; i++)
+    for (int64_t i = low[0]; i < high[0]; i++) {
+        int64_t column = -1;
+        Span row = no_span;
         for (int64_t j = low[1]; j < high[1]; j++) {
-            const Span row = row_of_hats(&p, length, i, j, n), beside_tool = near_tool(t, i, j);
-            const Rows rows = rows_around(g, r, i, j);
-            if (j + 2 < g->shape[1]) prefetch_row(rows.row + 2 * n, row.low, row.high);
-            for (int64_t k = row.low; k < row.high;) {
-                if (k > 0 && k + STRETCH < n && dull(&rows, k)) {
-                    k += STRETCH;
-                    continue;
-                }
-                const int64_t begin = k, end = least(k + LANES, row.high);
-                uint8_t marks[LANES] = {1, 1, 1, 1, 1, 1, 1, 1}; // at the grid's ends the exact test decides
-                if (k > 0 && k + LANES < n)
-                    mark(&rows, k < beside_tool.high && end > beside_tool.low ? 0.49f : 1.0f - NEARLY_FULL, k, marks);
-                for (; k < end; k++)
-                    if (marks[k - begin] && list_voxel(r, (i * g->shape[1] + j) * n + k,
-                                                       rise_weight(g, t, &p, r, length, i, j, k)) == LIST_FULL)
-                        return LIST_FULL;
-            }
+            const int64_t b = cell_in_lattice(&w, 1, (double)j);
+            if (b != column) row = row_of_hats(&w, cell_in_lattice(&w, 0, (double)i), b, g->shape[2]);
+            column = b;
+            if (row.high > row.low && gather_row(g, t, &w, r, i, j, row) == LIST_FULL) return LIST_FULL;
         }
+        const double x = (double)i - t->centre[0];
+        if (i + 1 < high[0] && surface_cell(x) == surface_cell(x + 1.0)) continue;
+        keep_joined(g, t, r, p.centre, layer);
+        layer = r->count;
+    }
     return DONE;
 }
 
@@ -1387,13 +1851,15 @@ static double room_at(const Grid *g, const Tool *t, int64_t i, int64_t j, int64_
     return capacity(t, i, j, k) - (double)density_at(g, i, j, k);
 }
 
-// A bit for each of the six neighbours, inside the grid, that has room.
-static int64_t open_neighbours(const Grid *g, const Tool *t, int64_t i, int64_t j, int64_t k) {
+// A bit for each of the six neighbours, inside the grid and outside the wake, that has room.
+static int64_t open_neighbours(const Grid *g, const Tool *t, const Rim *r, int64_t i, int64_t j, int64_t k) {
     int64_t bits = 0;
     for (int n = 0; n < 6; n++) {
         const int64_t x = i + neighbours[n][0], y = j + neighbours[n][1], z = k + neighbours[n][2];
         const int outside = x < 0 || y < 0 || z < 0 || x >= g->shape[0] || y >= g->shape[1] || z >= g->shape[2];
-        if (!outside && room_at(g, t, x, y, z) > (double)NEARLY_FULL) bits |= 1 << n;
+        if (!outside && room_at(g, t, x, y, z) > (double)NEARLY_FULL &&
+            !in_wake(t, r, (double)x - t->centre[0], (double)y - t->centre[1], (double)z - t->centre[2]))
+            bits |= 1 << n;
     }
     return bits;
 }
@@ -1406,9 +1872,9 @@ static double raise_voxel(Grid *g, const Tool *t, Rim *r, int64_t i, int64_t j, 
     mark_dirty(r->dirty, i, i + 1, j, j + 1, k, k + 1);
     *d = (float)(former + amount);
     const double x = (double)i - t->centre[0], y = (double)j - t->centre[1], z = (double)k - t->centre[2];
-    const double gained = (double)*d - former, inside = coverage(&t->volume, x, y, z);
+    const double gained = (double)*d - former, inside = covered(&t->volume, x, y, z);
     r->tool_gain += inside * gained;
-    r->reach_gain += (coverage(&t->surroundings, x, y, z) - inside) * gained;
+    r->reach_gain += (covered(&t->surroundings, x, y, z) - inside) * gained;
     return gained;
 }
 
@@ -1417,13 +1883,13 @@ static double spill_over(Grid *g, const Tool *t, Rim *r) {
     double left = 0.0;
     int64_t at[3];
     for (int64_t q = 0; q < r->spilling; q++) { // choose all before moving any
-        voxel_at(g, r->spill_index[q], at);
-        r->spill_index[q] = r->spill_index[q] << 6 | open_neighbours(g, t, at[0], at[1], at[2]);
+        take_apart(r->spill_index[q], at);
+        r->spill_index[q] = r->spill_index[q] << 6 | open_neighbours(g, t, r, at[0], at[1], at[2]);
     }
     for (int64_t q = 0; q < r->spilling; q++) {
         const int64_t open = r->spill_index[q] & 63;
         int ways = 0;
-        voxel_at(g, r->spill_index[q] >> 6, at);
+        take_apart(r->spill_index[q] >> 6, at);
         left += (double)r->spill[q];
         for (int n = 0; n < 6; n++) ways += open >> n & 1;
         for (int n = 0; n < 6; n++) {
@@ -1443,7 +1909,7 @@ EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) 
     for (int round = 0; round < PLACINGS && left > ENOUGH * amount; round++) {
         double total = 0.0;
         for (int64_t q = 0; q < r->count; q++) {
-            voxel_at(g, r->index[q], at);
+            take_apart(r->index[q], at);
             if (room_at(g, t, at[0], at[1], at[2]) <= (double)NEARLY_FULL) r->weight[q] = 0.0f;
             total += (double)r->weight[q];
         }
@@ -1452,7 +1918,7 @@ EXPORT double repousse_rim_place(Grid *g, const Tool *t, Rim *r, double amount) 
         r->spilling = 0;
         for (int64_t q = 0; q < r->count; q++) {
             if (r->weight[q] <= 0.0f) continue;
-            voxel_at(g, r->index[q], at);
+            take_apart(r->index[q], at);
             const double share = each * (double)r->weight[q], room = fmax(room_at(g, t, at[0], at[1], at[2]), 0.0);
             left -= raise_voxel(g, t, r, at[0], at[1], at[2], fmin(share, room));
             if (share <= room || round > 0) continue;

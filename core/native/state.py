@@ -5,16 +5,29 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from ctypes import POINTER, c_double, c_float, c_int64
+from ctypes import POINTER, c_double, c_float, c_int64, c_uint8
 from math import ceil, floor
 from typing import Any, Protocol
 
 import numpy as np
 
-from ..grid import BRICK, Box
+from ..bricks import BRICK, BrickMap
+from ..grid import Box
 from ..tool import Shape, Tool
 from . import library
-from .structures import Emptied, Estimate, GridState, Rim, ShapeState, Sources, Sweep, ToolState
+from .structures import (
+    CELL_BYTES,
+    LATTICE,
+    SIGHT_CELL,
+    Emptied,
+    Estimate,
+    GridState,
+    Rim,
+    ShapeState,
+    Sources,
+    Sweep,
+    ToolState,
+)
 
 ORDERS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
 """For each dominant axis, the axes in the order (a, b, c): swept along a, in rows along c."""
@@ -30,8 +43,8 @@ _FAR = np.iinfo(np.int64).max
 class Keeper(Protocol):
     """Who keeps before-images (core/history.py)."""
 
-    def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
-        """Copy the bricks of a half-open box that are not kept yet."""
+    def keep(self, low: Sequence[int], high: Sequence[int], known: BrickMap | None) -> None:
+        """Copy the bricks of a half-open box that are not kept yet, but for those that ``known`` says all of."""
         ...
 
     def grew(self, density: np.ndarray, below: tuple[int, int, int]) -> None:
@@ -68,20 +81,21 @@ def box_from(dirty: Sequence[int]) -> Box | None:
 class Probe:
     """One grid and one tool, as far as `estimate` reads them: what feels without changing anything.
 
-    ``grid``, ``tool`` and ``estimate`` are structures of kernels.c, ``density`` is the array behind them. A thread that
-    estimates while another pushes has a probe of its own.
+    ``grid``, ``tool`` and ``estimate`` are structures of kernels.c, ``density`` is the array behind them and ``bricks``
+    its map, or None: then all is read. A thread that estimates while another pushes has a probe of its own.
     """
 
-    def __init__(self, density: np.ndarray) -> None:
+    def __init__(self, density: np.ndarray, bricks: BrickMap | None = None) -> None:
         self.library = library()
         self.grid, self.tool, self.estimate = GridState(), ToolState(), Estimate()
-        self.attach(density)
+        self.attach(density, bricks)
 
-    def attach(self, density: np.ndarray) -> None:
-        """Work on this array from now on."""
-        self.density = density
+    def attach(self, density: np.ndarray, bricks: BrickMap | None) -> None:
+        """Work on this array from now on, and go by its map."""
+        self.density, self.bricks = density, bricks
         self.grid.density = pointer(density, c_float)
         self.grid.shape[:] = density.shape
+        self.grid.states = pointer(bricks.states, c_uint8) if bricks is not None else None
 
     def take_up(self, tool: Tool) -> None:
         """Work with this tool from now on."""
@@ -96,20 +110,20 @@ class Workspace(Probe):
     ``buffer``, the array behind what is emptied; and ``flux``, the numpy twin's in the running sweep.
     """
 
-    def __init__(self, density: np.ndarray) -> None:
+    def __init__(self, density: np.ndarray, bricks: BrickMap | None = None) -> None:
         self.emptied, self.sweep, self.sources, self.rim = Emptied(), Sweep(), Sources(), Rim()
         self.flux = np.zeros((0, 0), np.float32)
         self.buffer = np.zeros(0, np.float32)
         self.history: Keeper | None = None
         self._fluxes: list[np.ndarray] = []
-        super().__init__(density)
+        super().__init__(density, bricks)
 
-    def attach(self, density: np.ndarray, sweeping: bool = False) -> None:
+    def attach(self, density: np.ndarray, bricks: BrickMap | None, sweeping: bool = False) -> None:
         """Work on this array from now on; the flux of a sweep that is under way is carried over."""
-        super().attach(density)
+        super().attach(density, bricks)
         nx, ny, nz = density.shape
         former = [f for f in self._fluxes if sweeping and f.ctypes.data == ctypes.addressof(self.sweep.flux.contents)]
-        cells = (max(nx, ny) + 8) * (max(ny, nz) + 32)  # the largest window, its frame, and whole lanes
+        cells = (max(nx, ny) + 24) * (max(ny, nz) + 48)  # the largest window, a leap's frame, and whole lanes
         self._fluxes = [np.empty(cells, np.float32), np.empty(cells, np.float32)]
         for flux in former:
             self._fluxes[0][: flux.size] = flux
@@ -119,11 +133,22 @@ class Workspace(Probe):
         self.sweep.row, self.sweep.slab = pointer(self._row, c_float), pointer(self._slab, c_float)
         self._zeros = np.zeros(nz, np.float32)
         self.rim.zeros = pointer(self._zeros, c_float)
+        cells = ceil(ny / SIGHT_CELL + 2) * ceil(nz / SIGHT_CELL + 2)
+        self._cells = np.zeros(cells * CELL_BYTES, np.uint8)
+        self._lattice = np.empty(LATTICE**3, np.float32)
+        self.rim.cells, self.rim.lattice = self._cells.ctypes.data, pointer(self._lattice, c_float)
 
     def keep(self, low: Sequence[int], high: Sequence[int]) -> None:
-        """Copy the bricks of a box before it is written for the first time, if anyone asked for before-images."""
+        """Before a box is written: copy its bricks, once, if anyone asked for before-images, and mark them."""
         if self.history is not None:
-            self.history.keep(low, high)
+            self.history.keep(low, high, self.bricks)
+        if self.bricks is not None:
+            self.bricks.mark(low, high)
+
+    def settle(self, box: Box | None) -> None:
+        """After a box was written: what are its bricks now? None: those of the grid."""
+        if self.bricks is not None:
+            self.bricks.settle(box)
 
     def take_up(self, tool: Tool) -> None:
         """Work with this tool from now on."""
@@ -165,7 +190,7 @@ class Workspace(Probe):
 
     @property
     def rim_list(self) -> tuple[np.ndarray, np.ndarray]:
-        """Flat indices (int64) and weights (float32) of the rim's list, views of its whole capacity."""
+        """Places (int64, `place_of` in kernels.c) and weights (float32) of the rim's list, views of its capacity."""
         return self._index, self._weight
 
     def moved(self, below: tuple[int, int, int]) -> None:

@@ -3,11 +3,13 @@
 
 from ctypes import POINTER, Structure, c_double, c_float, c_int64, c_uint8, c_void_p, sizeof
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 """Must equal ABI_VERSION in kernels.c: raised when a field changes its meaning."""
 
 CLUSTERS = 9
 MAX_POINTS = CLUSTERS**3
+LATTICE = 40
+SIGHT_CELL, CELL_BYTES = 3.0, 64
 
 
 class ShapeState(Structure):
@@ -28,17 +30,20 @@ class GridState(Structure):
     _fields_ = [
         ("density", POINTER(c_float)),
         ("shape", c_int64 * 3),
+        ("states", POINTER(c_uint8)),
         ("kept", POINTER(c_uint8)),
         ("images", POINTER(c_float)),
         ("bricks", POINTER(c_int64)),
+        ("entries", POINTER(c_int64)),
         ("kept_count", POINTER(c_int64)),
+        ("image_count", POINTER(c_int64)),
     ]
 
 
 class Estimate(Structure):
-    """M_t, M_s in voxels' worth, and grad M_t in voxels' worth per voxel of the tool's travel."""
+    """M_t, M_s in voxels' worth, and grad M_t in voxels' worth per voxel of the tool's travel; voxels read for it."""
 
-    _fields_ = [("tool_mass", c_double), ("reach_mass", c_double), ("gradient", c_double * 3)]
+    _fields_ = [("tool_mass", c_double), ("reach_mass", c_double), ("gradient", c_double * 3), ("read", c_int64)]
 
 
 class Emptied(Structure):
@@ -68,6 +73,10 @@ class Sweep(Structure):
         ("weights", c_float * 9),
         ("shift", c_int64 * 2),
         ("border", c_int64),
+        ("hole", c_int64),
+        ("leap_shift", c_int64 * 2),
+        ("leap_weights", c_float * 9),
+        ("far", c_double),
         ("flux", POINTER(c_float)),
         ("next", POINTER(c_float)),
         ("row", POINTER(c_float)),
@@ -84,6 +93,7 @@ class Sweep(Structure):
         ("surplus", c_double),
         ("planes", c_int64),
         ("visited", c_int64),
+        ("read", c_int64),
         ("dirty", c_int64 * 6),
     ]
 
@@ -113,11 +123,16 @@ class Rim(Structure):
         ("count", c_int64),
         ("spilling", c_int64),
         ("zeros", POINTER(c_float)),
+        ("lattice", POINTER(c_float)),
+        ("cells", c_void_p),
         ("direction", c_double * 3),
         ("wake", c_double),
         ("tool_gain", c_double),
         ("reach_gain", c_double),
         ("dirty", c_int64 * 6),
+        ("hats", c_int64),
+        ("asked", c_int64),
+        ("sights", c_int64),
     ]
 
 

@@ -13,6 +13,8 @@ bpy = pytest.importorskip("bpy", reason="asks how long Blender's graphics take")
 import addon_utils  # noqa: E402  Blender makes it importable with bpy
 import gpu  # noqa: E402
 
+from repousse.core import DensityGrid  # noqa: E402
+from repousse.core.bricks import BrickMap  # noqa: E402
 from repousse.ui import live_view, texture  # noqa: E402  the add-on, which needs Blender here
 
 ADDON = "bl_ext.user_default.repousse"
@@ -47,7 +49,7 @@ def density(request):
 def sent(density):
     """A view that has the grid."""
     view = live_view.LiveView()
-    view.texture.upload(density)
+    view.texture.upload(BrickMap(density))
     return view
 
 
@@ -68,7 +70,7 @@ def test_upload(benchmark, figures, density):
     sent = texture.DensityTexture()
 
     def upload():
-        sent.upload(density)
+        sent.upload(BrickMap(density))
         finished(sent)
 
     benchmark.pedantic(upload, rounds=3)
@@ -107,7 +109,7 @@ def test_patch_and_march(benchmark, figures, density, sent, edge):
     what, size = frame(len(density), False), len(density)
     middle = (np.full(3, size / 2.0) + 0.4 * size * np.array((1.0, -1.0, 1.0)) / np.sqrt(3.0)).astype(int)
     box = tuple(tuple(int(m + side * edge // 2) for m in middle) for side in (-1, 1))
-    source = SimpleNamespace(grid=SimpleNamespace(density=density), take_changes=lambda: (False, [box]))
+    source = SimpleNamespace(grid=DensityGrid(density, copy=False), take_changes=lambda: (False, [box]))
 
     def step():
         sent.update(source)

@@ -21,6 +21,7 @@ LINE = ["--from", "16,16,38", "--to", "16,16,28", "--radius", "5"]
 REPORT_KEYS = {
     *("steps", "mass_before", "mass_after", "mass_out", "moved_mass", "peak_stress", "kernels", "method", "ms"),
     "touched_voxels",
+    "quality",
 }
 
 
@@ -65,7 +66,7 @@ def test_push_does_what_core_does_to_the_bit(tmp_path, capfd, clay):
     assert set(told) >= REPORT_KEYS
     assert set(told["ms"]) == {"p50", "p99", "max"}
     assert 0.0 < told["ms"]["p50"] <= told["ms"]["p99"] <= told["ms"]["max"]
-    assert told["steps"] == len(contacts) == 21
+    assert told["steps"] == len(contacts) == 21 and told["quality"] == "exact"
     assert told["mass_before"] == 32**3
     assert told["mass_after"] == pytest.approx(32**3, rel=1e-7)
     assert told["moved_mass"] == pytest.approx(sum(contact.moved_mass for contact in contacts))
@@ -215,6 +216,29 @@ def test_a_recorded_stroke_keeps_its_header_unless_told_otherwise(tmp_path):
         assert (stroke.band, stroke.border, len(stroke.samples)) == (band, border, samples)
 
 
+def test_quality_is_the_strokes_own_unless_told_otherwise(tmp_path, capfd):
+    """A line of a draft has a sample a voxel; a recorded stroke, whoever chose, keeps what was chosen pose by pose."""
+    block, ends = ["push", "block:32", "--band", "5"], {}
+    for quality, steps in (("exact", 21), ("balanced", 21), ("draft", 11)):
+        report, out = tmp_path / f"{quality}.json", tmp_path / f"{quality}.vdb"
+        words = [*block, *LINE, "--quality", quality, "--report", report, "--out", out]
+        assert run(capfd, *words)[0] == 0
+        told = json.loads(report.read_text())
+        assert (told["quality"], told["steps"]) == (quality, steps)
+        ends[quality] = read_volume(out).density.tobytes()
+    assert len(set(ends.values())) == 3
+    stroke = Stroke.line((16, 16, 38), (16, 16, 28), tool=SphereTool(5.0))
+    mixed = [replace(s, quality=("exact", "draft")[n % 2]) for n, s in enumerate(stroke.samples)]
+    replace(stroke, samples=mixed).save(tmp_path / "mixed.jsonl")
+    report, out = tmp_path / "o.json", tmp_path / "o.vdb"
+    words = [*block, "--stroke", tmp_path / "mixed.jsonl", "--report", report, "--out", out]
+    assert run(capfd, *words)[0] == 0
+    assert json.loads(report.read_text())["quality"] == "exact, draft"
+    assert run(capfd, *words, "--quality", "exact")[0] == 0
+    assert json.loads(report.read_text())["quality"] == "exact"
+    assert read_volume(out).density.tobytes() == ends["exact"]
+
+
 def test_values_may_begin_with_a_minus_sign(tmp_path, capfd):
     line = ["--from", "-6,-.5,8", "--to", "-5,0,8", "--radius", "3"]
     code, _, noted = run(capfd, "push", "block:16", *line, "--trace", tmp_path / "o.csv", "--out", tmp_path / "o.vdb")
@@ -259,6 +283,11 @@ BAD = {
     "step": (["push", "block:8", *LINE, "--step", "0"], "step"),
     "band": (["push", "block:8", *LINE, "--band", "-1"], "band"),
     "material": (["push", "block:8", *LINE, "--material", "jelly"], "jelly"),
+    "quality": (
+        ["push", "block:8", *LINE, "--quality", "best"],
+        'no quality "best": choose from exact, balanced, draft',
+    ),
+    "auto": (["push", "block:8", *LINE, "--quality", "auto"], "clock of a live stroke: here choose exact, balanced"),
     "window": (["push", "{tmp}/sound.vdb", *LINE, "--window", "3:3"], "'3:3' is not a window"),
     "no such option": (["push", "block:8", *LINE, "--colour", "red"], "--colour"),
     "no such command": (["pull", "block:8"], "pull"),

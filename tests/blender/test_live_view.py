@@ -13,11 +13,11 @@ from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
 
 from repousse.core import DensityGrid, Material, Push, Regime, SphereTool
-from repousse.core.grid import BRICK
+from repousse.core.bricks import BRICK, BrickMap
 from repousse.core.symmetry import SymmetricPush
 from repousse.operators import session
-from repousse.ui import cursor, give, live_view, texture
-from repousse.ui.bricks import bricks_of, means
+from repousse.ui import cursor, give, live_view, shaders, texture
+from repousse.ui.bricks import all_maxima, all_means, bricks_of, maxima, means, uneven
 from repousse.ui.give import Give
 from repousse.ui.live_view import LiveView
 from repousse.ui.sight import Sight
@@ -44,7 +44,7 @@ def stage():
 
 def showing(density) -> LiveView:
     view = LiveView()
-    view.texture.upload(np.ascontiguousarray(density, np.float32))
+    view.texture.upload(BrickMap(np.ascontiguousarray(density, np.float32)))
     return view
 
 
@@ -85,7 +85,7 @@ def assert_shows(view_texture, density):
 def test_what_is_uploaded_is_the_array(shape):
     density = np.random.default_rng(1).random(shape, np.float32) ** 8
     view_texture = texture.DensityTexture()
-    view_texture.upload(density)
+    view_texture.upload(BrickMap(density))
     assert_shows(view_texture, density)
 
 
@@ -93,7 +93,7 @@ def test_patches_of_any_box_leave_every_texel_right():
     random = np.random.default_rng(2)
     density = random.random((29, 18, 35), np.float32) ** 8
     view_texture = texture.DensityTexture()
-    view_texture.upload(density)
+    view_texture.upload(BrickMap(density))
     boxes = [((8, 8, 8), (16, 16, 16)), ((7, 8, 15), (8, 9, 16)), ((28, 17, 34), (29, 18, 35)), ((0, 0, 0), (1, 1, 1))]
     for _ in range(20):
         corners = np.sort(random.integers(0, np.add(density.shape, 1), (2, 3)), axis=0)
@@ -109,7 +109,7 @@ def test_patches_of_any_box_leave_every_texel_right():
 
 def test_only_what_changed_is_sent():
     density = np.zeros((20, 20, 20), np.float32)
-    source = SimpleNamespace(grid=SimpleNamespace(density=density), changes=(True, []))
+    source = SimpleNamespace(grid=DensityGrid(density, copy=False), changes=(True, []))
     source.take_changes = lambda: source.changes
     view = LiveView()
     for changes, sent in (((True, []), (1, 0)), ((False, []), (1, 0)), ((False, [((1, 1, 1), (4, 4, 4))]), (1, 1))):
@@ -134,6 +134,29 @@ def test_means_are_those_of_bricks_padded_with_nothing(shape, edge):
     part = tuple(slice(a, b) for a, b in zip(first, last))
     if all(n > a for n, a in zip(bricks_of(shape, edge), first)):
         assert np.allclose(means(density, edge, first, last), expected[part], atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(40, 48, 64), (41, 37, 30), (1, 9, 5)])
+def test_what_the_map_tells_of_a_grid_is_what_its_voxels_do(shape):
+    """Whatever of it is empty, full or neither, and where the border cuts bricks."""
+    begin, x = (0, 0, 0), np.arange(shape[0])[:, None, None]
+    some = np.zeros(shape, np.float32)
+    some[shape[0] // 3 : shape[0] // 2, 4:9, 3:20] = 0.7
+    slab = np.broadcast_to((x < 17).astype(np.float32), shape)
+    for density in (some, 1.0 - some, slab, np.minimum(slab, 1.0 - some), np.zeros(shape), np.ones(shape)):
+        known = BrickMap(np.ascontiguousarray(density, np.float32))
+        assert np.array_equal(all_maxima(known), maxima(known.density, begin, bricks_of(shape)))
+        for edge in (shaders.EASE, BRICK):
+            expected = means(known.density, edge, begin, bricks_of(shape, edge))
+            assert np.allclose(all_means(known, edge), expected, rtol=0.0, atol=1e-6)
+
+
+def test_a_sight_of_a_block_reads_its_dent_alone():
+    """Not the rest of the grid, however large that is."""
+    for n in (64, 128):
+        clay = np.ones((n, n, n), np.float32)
+        clay[20:30, 9:15, 33:40] = 0.5
+        assert uneven(BrickMap(clay).states) == ((1, 0, 3), (5, 3, 6))
 
 
 # Where it is seen
@@ -497,7 +520,7 @@ def test_the_same_picture_is_marched_once(stage):
         stage.picture(camera, other)
         marches += 1
         assert view.marches == marches
-    source = SimpleNamespace(grid=SimpleNamespace(density=ball().astype(np.float32)))
+    source = SimpleNamespace(grid=DensityGrid(ball()))
     source.take_changes = lambda: (False, [((1, 1, 1), (2, 2, 2))])
     view.update(source)
     stage.picture(camera, drawing(view, camera, key=2))
@@ -506,7 +529,7 @@ def test_the_same_picture_is_marched_once(stage):
 
 def changing(density):
     """A stand-in for a session, and a function that changes a box of its voxels."""
-    source = SimpleNamespace(grid=SimpleNamespace(density=density), changes=[])
+    source = SimpleNamespace(grid=DensityGrid(density, copy=False), changes=[])
 
     def take_changes():
         taken, source.changes = source.changes, []
@@ -531,7 +554,7 @@ def changing(density):
     ids=["perspective", "orthographic", "over the box that changes"],
 )
 def test_what_is_marched_of_a_change_makes_the_picture_of_all(stage, camera, fog):
-    density = np.array(layer(top=40.0, shape=(120, 120, 80)), np.float32)
+    density = np.ascontiguousarray(layer(top=40.0, shape=(120, 120, 80)), np.float32)
     source, change = changing(density)
     view = showing(density)
     bow = Give((90.0, 60.0, 38.0), (0.0, 0.0, -2.0), 8.0)
@@ -556,7 +579,7 @@ def test_another_grid_of_the_same_shape_is_seen_at_once(stage):
     view = showing(ball())
     stage.picture(camera, drawing(view, camera))
     other = ball(radius=6.0).astype(np.float32)
-    view.update(SimpleNamespace(grid=SimpleNamespace(density=other), take_changes=lambda: (True, [])))
+    view.update(SimpleNamespace(grid=DensityGrid(other, copy=False), take_changes=lambda: (True, [])))
     picture = stage.picture(camera, drawing(view, camera))
     assert np.array_equal(picture.colour, stage.picture(camera, drawing(showing(other), camera)).colour)
 
@@ -757,7 +780,7 @@ def test_what_goes_wrong_is_said_once_and_blender_draws_the_volume_again(stage, 
 def test_a_volume_too_long_for_the_graphics_card_is_refused_in_one_line():
     longest = 1 << 15
     with pytest.raises(ValueError, match=f"cannot hold 1 x 1 x {longest} voxels"):
-        texture.DensityTexture().upload(np.zeros((1, 1, longest), np.float32))
+        texture.DensityTexture().upload(BrickMap(np.zeros((1, 1, longest), np.float32)))
 
 
 # The cursor

@@ -14,6 +14,7 @@ import pytest
 from repousse.core import PRESETS, Regime, SphereTool, Stroke
 from repousse.core.histogram import BINS, histogram
 from repousse.core.material import largest_yield_ratio
+from repousse.core.quality import QUALITIES, Auto
 from repousse.operators import session as sessions
 from repousse.operators import strokes
 from repousse.ui import plots, tool
@@ -78,6 +79,7 @@ def icons(monkeypatch):
 
 def test_every_setting_can_be_reached_from_the_panel(block):
     settings = bpy.context.scene.repousse
+    settings.quality = "auto"
     reached = {name for paper in shown().values() for data, name in paper.shown("prop") if data == settings}
     assert reached == set(type(settings).__annotations__)
 
@@ -154,13 +156,41 @@ def test_a_volume_that_cannot_be_sculpted_says_why(block, monkeypatch):
 def test_the_stress_is_told_while_a_stroke_runs_and_after_it(session):
     assert "No stroke yet" in draw(bpy.types.REPOUSSE_PT_stress).texts
     contact = SimpleNamespace(regime=Regime.PLASTIC, stress=1.25, yield_stress=1.5)
-    session.engine = SimpleNamespace(contact=contact, trace=[(0.0, 0.0, 1.0)], cancel=lambda: None)
+    session.engine = SimpleNamespace(contact=contact, trace=[(0.0, 0.0, 1.0)], choice=None, cancel=lambda: None)
     texts = draw(bpy.types.REPOUSSE_PT_stress).texts
     assert REGIMES[Regime.PLASTIC] in texts and "Stress 1.250 N" in texts and "Yields at 1.500 N" in texts
     session.engine, session.last_trace = None, [(0.0, 0.0, 1.0), (3.0, 0.75, 0.5)]
     texts = draw(bpy.types.REPOUSSE_PT_stress).texts
     assert "End of the last stroke" in texts and "Stress 0.750 N" in texts and "Yields at 0.500 N" in texts
     assert set(REGIMES) == set(Regime)
+
+
+def test_what_auto_chose_is_told_with_its_reason(session):
+    auto = Auto(8.0, 0.05)
+    for _ in range(3):
+        auto.learn(QUALITIES["exact"], "saturated", 0.005)
+    choice = auto.choose("saturated", 32.0, 1.0)
+    contact = SimpleNamespace(regime=Regime.PLASTIC, stress=1.25, yield_stress=1.5)
+    session.engine = SimpleNamespace(contact=contact, trace=[], choice=choice, cancel=lambda: None)
+    wanted = "Balanced: 7.5 of 8 ms, exact would take 10.0; error up to 0.2 of 5 %"
+    assert wanted in draw(bpy.types.REPOUSSE_PT_stress).texts
+    session.engine, session.last_trace = None, [(0.0, 0.0, 1.0)]
+    assert wanted not in draw(bpy.types.REPOUSSE_PT_stress).texts
+    session.last_choice = choice
+    assert wanted in draw(bpy.types.REPOUSSE_PT_stress).texts
+
+
+def test_what_auto_goes_by_is_asked_only_for_auto():
+    settings = bpy.context.scene.repousse
+    for name in (*QUALITIES, "auto"):
+        settings.quality = name
+        seen = {told for data, told in draw(bpy.types.REPOUSSE_PT_brush).shown("prop") if data == settings}
+        assert ({"frame_budget", "error_bound"} <= seen) == (name == "auto") and "quality" in seen
+    settings.frame_budget, settings.error_bound = 4.0, 10.0
+    chosen = settings.chosen_quality
+    assert (chosen.frame_budget, chosen.error_bound) == (4.0, pytest.approx(0.1))
+    settings.quality = "draft"
+    assert settings.chosen_quality == "draft"
 
 
 def test_another_volume_is_not_told_the_stress_or_the_level_of_this_one(session):
@@ -293,7 +323,7 @@ def test_the_plots_go_with_the_add_on(session):
 
 
 UNITS = re.compile(
-    r"metre|newton|pixel|voxel|per cent|radii|of its radius|from 0|0 to 1|file's units|counted from",
+    r"metre|millisecond|newton|pixel|voxel|per cent|radii|of its radius|from 0|0 to 1|file's units|counted from",
     re.IGNORECASE,
 )
 

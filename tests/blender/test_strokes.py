@@ -51,7 +51,15 @@ def smoothed():
     return Stroke(samples, verb="smooth", **HEADER | {"band": None})
 
 
-KINDS = {"push": push_down, "mirrored": mirrored, "pull": pulled, "smooth": smoothed}
+def chosen():
+    """As Auto leaves it: another quality pose by pose."""
+    stroke = push_down()
+    return replace(
+        stroke, samples=[replace(s, quality=("draft", "exact")[n % 2]) for n, s in enumerate(stroke.samples)]
+    )
+
+
+KINDS = {"chosen": chosen, "push": push_down, "mirrored": mirrored, "pull": pulled, "smooth": smoothed}
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from repousse.core import DensityGrid
-from repousse.core.formats import FormatError, VolumeFile, list_grids, read_volume, write_volume
+from repousse.core.bricks import BRICK, MIXED
+from repousse.core.formats import FormatError, VolumeFile, list_grids, read_volume, vdb, write_volume
 from repousse.core.formats.layout import lay_out
 
 bpy.utils.expose_bundled_modules()
@@ -134,6 +135,54 @@ def test_every_bit_of_every_revision(tmp_path, boxes):
         back.copyToArray(array)
         assert array.tobytes() == file.grid.density.tobytes()
         assert back.activeVoxelCount() == np.count_nonzero(array)
+
+
+def blocks(shape=(40, 32, 24)):
+    """Bricks that are empty, full or neither, in blocks."""
+    random = np.random.default_rng(5)
+    kinds = random.choice(3, [n // BRICK for n in shape], p=(0.4, 0.4, 0.2))
+    kind = kinds.repeat(BRICK, 0).repeat(BRICK, 1).repeat(BRICK, 2)
+    return np.where(kind == 2, random.random(shape, np.float32), kind).astype(np.float32)
+
+
+def test_only_bricks_that_are_neither_empty_nor_full_are_leaves(tmp_path):
+    """In the first file and in each that follows: what fills a brick takes the room of a voxel."""
+    write_volume(DensityGrid(blocks()), tmp_path / "0.vdb")
+    file = VolumeFile(tmp_path / "0.vdb")
+    for number in range(4):
+        back = openvdb.read(str(tmp_path / f"{number}.vdb"), "density")
+        assert back.leafCount() == (file.grid.bricks.states == MIXED).sum()
+        assert back.activeVoxelCount() == np.count_nonzero(file.grid.density)
+        boxes = [((2, 3, 4), (19, 17, 21)), ((0, 8, 0), (40, 16, 8))][number % 2 :]
+        for low, high in boxes:
+            file.grid.density[tuple(slice(a, b) for a, b in zip(low, high))] = number % 2
+        file.write(tmp_path / f"{number + 1}.vdb", boxes)
+        assert read_volume(tmp_path / f"{number + 1}.vdb").density.tobytes() == file.grid.density.tobytes()
+
+
+def test_few_copies_are_made(tmp_path):
+    """Of clay that is full but for its surface, what is copied is the surface; of noise, all at once."""
+    copied = []
+
+    class Counted:
+        def __init__(self, fog):
+            self.fill, self._fog = fog.fill, fog
+
+        def copyFromArray(self, array, **more):  # noqa: N802  (OpenVDB's name)
+            copied.append(array.size)
+            self._fog.copyFromArray(array, **more)
+
+    clay = np.zeros((64, 64, 64), np.float32)
+    clay[:, :, :36], clay[:, :, 36] = 1.0, 0.5
+    for values, expected in ((clay, [48 * 48 * 8]), (noise((64, 64, 64)), [48 * 48 * 64])):
+        grid = DensityGrid(values)
+        fog = vdb.fog_of(grid, tmp_path / "x.vdb")
+        vdb.change(Counted(fog), grid, ((3, 5, 0), (45, 48, 64)))
+        assert copied == expected
+        copied.clear()
+        back = np.empty(values.shape, np.float32)
+        fog.copyToArray(back)
+        assert back.tobytes() == values.tobytes()
 
 
 def test_boxes_may_reach_out_of_the_grid_or_be_empty(tmp_path):

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from repousse.core import BoxTool, DensityGrid, Engine, Material, Push, Sample
+from tests.bench.truths.column import ColumnLaw
 
 from .threads import PATIENCE, until
 
@@ -69,11 +70,10 @@ class Column:
     """One push and its retreat by hand: depths, and what is felt there."""
 
     def __init__(self, kappa, density, reach):
-        self.kappa, self.density, self.reach = kappa, density, reach
-        self.yields = kappa * reach
-        self.plateau_begins = reach * ((1 + kappa) / density - 1)
+        self.law = law = ColumnLaw(1.0, kappa, density, reach)
+        self.yields, self.plateau_begins = law.yield_depth, law.plateau_begins
         depth = np.ceil(1.6 * self.plateau_begins + 6)
-        compacted = (density * depth - self.yields) / (1 - density)
+        compacted = law.compacted_length(depth)
         values = np.zeros((FIRST + int(depth + compacted) + reach + 8, ACROSS, ACROSS), np.float32)
         values[FIRST:] = density
         punch = BoxTool((HALF, HALF + ACROSS, HALF + ACROSS), reach)
@@ -129,7 +129,7 @@ def close(value, expected):
 
 @pytest.mark.parametrize("when", WHEN)
 def test_elastic_slope(column, when):
-    close(column.elastic(when)[0], column.density)
+    close(column.elastic(when)[0], column.law.elastic_slope)
 
 
 @pytest.mark.parametrize("when", WHEN)
@@ -142,13 +142,13 @@ def test_yield_depth(column, when):
 @pytest.mark.parametrize("when", WHEN)
 def test_plastic_slope(column, when):
     """The material hardens under the hand."""
-    close(column.plastic(when)[0], column.density * column.kappa / (1 + column.kappa))
+    close(column.plastic(when)[0], column.law.plastic_slope)
 
 
 @pytest.mark.parametrize("when", WHEN)
 def test_plateau(column, when):
     for felt in column.plateau(when):
-        close(felt, column.yields)
+        close(felt, column.law.plateau)
 
 
 @pytest.mark.parametrize("when", WHEN)
@@ -165,7 +165,7 @@ def test_unloading(column, when):
     assert m >= 3.0
     released, on_the_way = column.released[when], (column.retreats >= 0.25) & (column.retreats <= m - 1.0)
     slope, at_zero = np.polyfit(column.retreats[on_the_way], released[on_the_way], 1)
-    close(-slope, 1.0)
+    close(-slope, column.law.stiffness)
     close(at_zero, m)
     assert (released[column.retreats > m + 1.0] == 0.0).all()
 
@@ -173,10 +173,8 @@ def test_unloading(column, when):
 @pytest.mark.parametrize("when", WHEN)
 def test_the_whole_curve(column, when):
     """Every pose on the way in, not the fits alone: within 5 % of what the plateau bears."""
-    d0, kappa = column.density, column.kappa
-    law = np.minimum(d0 * column.deltas, d0 * (column.reach + column.deltas) * kappa / (1 + kappa))
-    law = np.minimum(law, column.yields)
-    assert column.felt[when] == pytest.approx(law, abs=WITHIN * column.yields)
+    law = column.law.pressed(column.deltas)
+    assert column.felt[when] == pytest.approx(law, abs=WITHIN * column.law.plateau)
 
 
 def test_early_the_stress_alone_is_more_than_the_law(column):

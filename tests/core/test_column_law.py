@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from repousse.core import BoxTool, DensityGrid, Material, Push, Regime
+from tests.bench.truths.column import ColumnLaw
 
 from .volumes import kernels_chosen
 
@@ -43,10 +44,11 @@ class Column:
     """One push and its retreat: depths, stresses over k_t A (the mass in the tool per unit area), and what is left."""
 
     def __init__(self, kappa, density, reach, half=HALF, exponent=1.0):
+        self.law = law = ColumnLaw(1.0, kappa, density, reach)
         self.kappa, self.density, self.reach = kappa, density, reach
-        self.plateau_begins = reach * ((1 + kappa) / density - 1)
-        self.depth = np.ceil(1.6 * self.plateau_begins + 6)
-        compacted = (density * self.depth - kappa * reach) / (1 - density)
+        self.yields, self.plateau_begins = law.yield_depth, law.plateau_begins
+        self.depth = np.ceil(1.6 * law.plateau_begins + 6)
+        compacted = law.compacted_length(self.depth)
         values = np.zeros((FIRST + int(self.depth + compacted) + reach + 8, ACROSS, ACROSS), np.float32)
         values[FIRST:] = density
         self.grid = DensityGrid(values)
@@ -62,7 +64,7 @@ class Column:
         self.held = np.array([contact.stress for contact in way_in]) / area
         self.allowed = np.array([contact.yield_stress for contact in way_in]) / area
         self.left = self.grid.density.copy()
-        self.retreats = np.arange(0, int((kappa * reach + 4) / STEP) + 1) * STEP
+        self.retreats = np.arange(0, int((law.yield_depth + 4) / STEP) + 1) * STEP
         way_out = [push.move_to((surface + self.depth - back, middle, middle)) for back in self.retreats]
         self.released = np.array([contact.stress for contact in way_out]) / area
         self.regimes_out = [contact.regime for contact in way_out]
@@ -79,42 +81,38 @@ def close(value, expected):
 
 
 def test_elastic_slope(column):
-    slope, at_zero = column.slope(1.0, column.kappa * column.reach - 0.5)
-    close(slope, column.density)
+    slope, at_zero = column.slope(1.0, column.yields - 0.5)
+    close(slope, column.law.elastic_slope)
     assert abs(at_zero) < 0.005 * column.density
 
 
 def test_yield_depth(column):
     """Where the elastic line meets the plastic one."""
-    (elastic, a), (plastic, b) = column.slope(1.0, column.kappa * column.reach - 0.5), plastic_line(column)
-    close((b - a) / (elastic - plastic), column.kappa * column.reach)
+    (elastic, a), (plastic, b) = column.slope(1.0, column.yields - 0.5), plastic_line(column)
+    close((b - a) / (elastic - plastic), column.law.yield_depth)
 
 
 def plastic_line(column):
-    return column.slope(column.kappa * column.reach + 1.0, column.plateau_begins - 2.0)
+    return column.slope(column.yields + 1.0, column.plateau_begins - 2.0)
 
 
 def test_plastic_slope(column):
-    close(plastic_line(column)[0], column.density * column.kappa / (1 + column.kappa))
+    close(plastic_line(column)[0], column.law.plastic_slope)
 
 
 def test_plateau(column):
     slope, _ = column.slope(column.plateau_begins + 2.0, column.depth)
     assert abs(slope) < 0.01 * column.density * column.kappa
     for held in column.held[column.deltas > column.plateau_begins + 2.0]:
-        close(held, column.kappa * column.reach)
+        close(held, column.law.plateau)
 
 
 def test_yield_stress(column):
     """sigma_f = k_s times what lies ahead: d0 D elastic, d0 (D + delta) / (1 + kappa) plastic, then D."""
-    kappa, d0, reach = column.kappa, column.density, column.reach
-    for delta, allowed in zip(column.deltas, column.allowed):
-        if delta <= kappa * reach - 1.0:
-            close(allowed, kappa * d0 * reach)
-        elif kappa * reach + 1.0 <= delta <= column.plateau_begins - 2.0:
-            close(allowed, kappa * d0 * (reach + delta) / (1 + kappa))
-        elif delta >= column.plateau_begins + 2.0:
-            close(allowed, kappa * reach)
+    yields, plateau_begins = column.yields, column.plateau_begins
+    for delta, allowed, law in zip(column.deltas, column.allowed, column.law.allowed(column.deltas)):
+        if delta <= yields - 1.0 or yields + 1.0 <= delta <= plateau_begins - 2.0 or delta >= plateau_begins + 2.0:
+            close(allowed, law)
 
 
 def test_plateau_begins(column):
@@ -126,11 +124,11 @@ def test_plateau_begins(column):
 
 def test_unloading(column):
     """Slope E / d0 over the first m voxels of retreat, for the front is compacted; then nothing."""
-    m = column.kappa * column.reach
+    m = column.yields
     assert m >= 3.0
     on_the_way = (column.retreats >= 0.25) & (column.retreats <= m - 1.0)
     slope, at_zero = np.polyfit(column.retreats[on_the_way], column.released[on_the_way], 1)
-    close(-slope, 1.0)
+    close(-slope, column.law.stiffness)
     close(at_zero, m)
     assert np.all(column.released[column.retreats > m + 1.0] == 0.0)
     assert {r for r, back in zip(column.regimes_out, column.retreats) if 0 < back < m - 1.0} == {Regime.UNLOADING}
@@ -140,8 +138,7 @@ def test_unloading(column):
 
 def test_compacted_length(column):
     """(d0 delta - m) / (1 - d0) of full material stand ahead of the tool."""
-    d0 = column.density
-    expected = (d0 * column.depth - column.kappa * column.reach) / (1 - d0)
+    d0, expected = column.density, column.law.compacted_length(column.depth)
     ahead = column.left[int(FIRST + column.depth) :].mean(axis=(1, 2))
     full = np.count_nonzero(ahead > 0.999)
     partial = ahead[full] if ahead[full] > d0 else d0
@@ -149,7 +146,7 @@ def test_compacted_length(column):
 
 
 def test_regimes_follow_each_other(column):
-    yields = column.kappa * column.reach
+    yields = column.yields
     for delta, regime in zip(column.deltas, column.regimes):
         if delta == 0.0:
             assert regime is Regime.NONE

@@ -37,7 +37,7 @@ from repousse.core import (
 )
 from repousse.core import push as push_module
 from repousse.core.local_model import Feeler
-from repousse.core.push import LONGEST_STEP
+from repousse.core.quality import LONGEST_STEP
 
 from .threads import PATIENCE, Gate, names, until
 from .volumes import half_space, in_frame, line

@@ -16,7 +16,7 @@ import pytest
 
 from repousse.core import Engine, Material, Push, Regime, Sample, SphereTool, dispersion
 from repousse.core.poses import LEAST_MOVE, Poses
-from repousse.core.push import LONGEST_STEP
+from repousse.core.quality import LONGEST_STEP
 
 from .test_engine import INTO, ON, TOOL, WAYS, pushing, state_of, stroke_of
 from .threads import PATIENCE, Gate, names, until

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from repousse.core import DensityGrid, Material, Push, SphereTool
-from repousse.core.grid import BRICK
+from repousse.core.bricks import BRICK, MIXED
 from repousse.core.history import _Bricks
 
 from .volumes import half_space, in_frame, line, speckled, walk
@@ -101,7 +101,31 @@ def test_keeps_what_is_touched_alone(kernels, case):
     walk(push, line(start, end))
     changed = bricks_of(grid.density != before)
     assert changed <= history.bricks <= 3 * changed
-    assert history.nbytes == history.bricks * BRICK**3 * 4
+    assert history.images <= history.bricks
+    assert history.nbytes == history.images * BRICK**3 * 4 + history.bricks * 16
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("band", [None, 5.0])
+def test_what_was_empty_or_full_needs_no_image(kernels, band, axis):
+    """A stroke through full clay keeps images of its surface alone, and one through foam of all."""
+    kept = {}
+    for density in (1.0, 0.5):
+        grid = half_space(48, density, 20, axis=axis)
+        states = grid.bricks.states.copy()
+        push = Push(grid, SphereTool(5), Material(3.3, 0.02), border="open", band=band)
+        history = push.remember()
+        start, end = np.full(3, 24.0), np.full(3, 24.0)
+        start[axis], end[axis] = 13.0, 32.0
+        before = grid.density.copy()
+        walk(push, line(start, end, 0.8))
+        mixed = states.reshape(-1)[history._now.bricks[: history.bricks]] == MIXED
+        assert history.images == mixed.sum() > 0
+        assert np.array_equal(history.original(everywhere(grid.shape)), np.pad(before, 2).ravel())
+        kept[density] = history.images / history.bricks
+        push.restore(history)
+        assert np.array_equal(grid.density, before) and np.array_equal(grid.bricks.states, states)
+    assert kept[1.0] <= 0.85 and kept[0.5] == 1.0
 
 
 def test_elastic_moves_keep_nothing():

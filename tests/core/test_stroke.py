@@ -26,7 +26,7 @@ samples = st.builds(
     position=vectors,
     rotation=st.tuples(finite, finite, finite, finite),
     radius=st.none() | sizes,
-    quality=st.text(max_size=8),
+    quality=st.sampled_from(["exact", "balanced", "draft"]),
     direction=st.none() | st.sampled_from([(0.0, -1.0, 0.0), (0.6, 0.0, -0.8), (0.36, 0.48, 0.8)]),
     strength=st.none() | st.floats(0.0, 1.0),
 )
@@ -172,6 +172,10 @@ def test_a_direction_is_read_as_a_unit_vector(tmp_path):
         {"strength": -0.01},
         {"strength": float("nan")},
         {"strength": "half"},
+        {"quality": "best"},
+        {"quality": ""},
+        {"quality": None},
+        {"quality": ["exact"]},
     ],
     ids=str,
 )

@@ -206,7 +206,7 @@ def test_rim_kernels(workspaces, direction, tool):
         same(getattr(compiled.sources, name)[:count], getattr(numpy.sources, name)[:count], numpy.emptied.mass)
     same(compiled.sources.contact_radius, numpy.sources.contact_radius)
     assert np.array_equal(lists[0][0], lists[1][0]) and len(lists[0][0]) > 100
-    assert lists[0][1] == pytest.approx(lists[1][1], rel=WITHIN)
+    same(lists[0][1], lists[1][1], lists[1][1].max())  # what is left over the faintest hats is a difference
     left = [rim.place(work, work.emptied.mass) for work in works]
     same(left[0], left[1], numpy.emptied.mass)
     assert apart(numpy.density, compiled.density, values) <= WITHIN
