@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from repousse.core import Material
-from repousse.core.push import LONGEST_STEP
+from repousse.core.quality import LONGEST_STEP
 
 from ..contact import (
     FULL_FORCE,
