@@ -13,11 +13,14 @@ from typing import Any
 import numpy as np
 
 from repousse.core import Contact, DensityGrid, Material, Push, SphereTool
+from repousse.core.material import packing
 from repousse.core.quality import LONGEST_STEP, Auto
 
 from ..method import Method, Scene, Vector
 
 FULL_FORCE = 3.3
+RIM = packing(young_modulus=500.0, yield_stress=1.0).rim
+"""Hats' radius in contact radii for the solid of the von Mises truth, by the rule; density and band are the scene's."""
 
 
 class Pushing:
@@ -136,6 +139,8 @@ METHODS = [
     Method("sweep + rim", "draft", lambda scene: Draft(scene, band=scene.band)),
     Method("sweep + rim", "auto", lambda scene: Automatic(scene, band=scene.band)),
     Method("sweep + rim", "reach 1.1 R", partial(with_rim, reach=1.1)),
+    Method("sweep + rim", "packing", partial(with_rim, rim=RIM)),
+    Method("sweep + rim", "packing, reach 1.1 R", partial(with_rim, rim=RIM, reach=1.1)),
     Method("sweep + rim", "kappa / 5", partial(with_rim, softer=5.0)),
     Method("sweep + rim", "m = 3/4", partial(with_rim, exponent=0.75)),
     Method("sweep + rim", "m = 1/2", partial(with_rim, exponent=0.5)),
