@@ -22,7 +22,7 @@ from ..closed_loop import ClosedLoop, Goal, Trace, Triple
 from ..collision import Timing
 from ..contact import FULL_FORCE, RADIUS, SIDE, SURFACE, VOXEL, block, excess, pushed, total
 from ..couplings import Coupling
-from ..figure import Figure
+from ..figure import Figure, exactly
 from ..scenes import DEVICES, HANDS
 from ..worlds import Clay, World, laid_over
 from .curl import SHAPES, body
@@ -137,14 +137,17 @@ def stalls() -> Iterator[Figure]:
     stopped there, goes on at 0.5 m/s, or is soft."""
     for stall in STALLS:
         moments = {"first touch": 0.2e-3, "in the slope": 1.0e-3, "deep": 3.0e-3}
-        held, out, left, on, energies, slews = [], [], [], [], [], []
+        held, out, gone, left, on, energies, slews = [], [], [], [], [], [], []
         for depth in moments.values():
             stopped, _ = _stalled(stall, depth, then=0.0)
             during = _during(stopped, depth, stall)
             held.append(_rise(during))
             left.append(float(during[-1]))
             back, _ = _stalled(stall, depth, then=-1.0)
-            out.append(_rise(_during(back, depth, stall)))
+            during = _during(back, depth, stall)
+            out.append(_rise(during))
+            if stall * MS * COMING > depth + (3 * PERIOD) * COMING:
+                gone.append(float(during[-1]))
             moved, bound = _stalled(stall, depth, then=1.0)
             on.append(float((np.linalg.norm(moved.force, axis=1)).max()) / bound)
             slews.append(rise(moved))
@@ -152,6 +155,7 @@ def stalls() -> Iterator[Figure]:
         case = f"loop: collision stalled for {stall} ms"
         yield Figure(case, "rise of the force on a held arm", max(held), "N", ROUNDING)
         yield Figure(case, "rise of the force on an arm that goes out", max(out), "N", ROUNDING)
+        yield exactly(case, "force on an arm that has come out", max(gone), 0.0, "N")
         if stall >= safety.FADE_TO / MS:
             yield Figure(case, "force on a held arm at its end", max(left), "N", ENOUGH)
         yield Figure(case, "force on a hand that goes on, over sigma_f", max(on), "", 1.0 + JND)
