@@ -12,6 +12,7 @@ import numpy as np
 
 from repousse.core import DensityGrid, Material
 from repousse.core.material import largest_yield_ratio
+from repousse.device import safety
 from repousse.device.limits import PERIOD
 from repousse.device.protocol import ForceModel
 
@@ -21,7 +22,7 @@ from ..closed_loop import ClosedLoop, Goal, Trace, Triple
 from ..collision import Timing
 from ..contact import FULL_FORCE, RADIUS, SIDE, SURFACE, VOXEL, block, excess, pushed, total
 from ..couplings import Coupling
-from ..figure import Figure
+from ..figure import Figure, exactly
 from ..scenes import DEVICES, HANDS
 from ..worlds import Clay, World, laid_over
 from .curl import SHAPES, body
@@ -136,16 +137,27 @@ def stalls() -> Iterator[Figure]:
     stopped there, goes on at 0.5 m/s, or is soft."""
     for stall in STALLS:
         moments = {"first touch": 0.2e-3, "in the slope": 1.0e-3, "deep": 3.0e-3}
-        held, on, energies, slews = [], [], [], []
+        held, out, gone, left, on, energies, slews = [], [], [], [], [], [], []
         for depth in moments.values():
-            stopped, _ = _stalled(stall, depth, stops=True)
-            held.append(_rise(stopped, depth, stall))
-            moved, bound = _stalled(stall, depth, stops=False)
+            stopped, _ = _stalled(stall, depth, then=0.0)
+            during = _during(stopped, depth, stall)
+            held.append(_rise(during))
+            left.append(float(during[-1]))
+            back, _ = _stalled(stall, depth, then=-1.0)
+            during = _during(back, depth, stall)
+            out.append(_rise(during))
+            if stall * MS * COMING > depth + (3 * PERIOD) * COMING:
+                gone.append(float(during[-1]))
+            moved, bound = _stalled(stall, depth, then=1.0)
             on.append(float((np.linalg.norm(moved.force, axis=1)).max()) / bound)
             slews.append(rise(moved))
             energies.append(_soft(stall, depth))
         case = f"loop: collision stalled for {stall} ms"
         yield Figure(case, "rise of the force on a held arm", max(held), "N", ROUNDING)
+        yield Figure(case, "rise of the force on an arm that goes out", max(out), "N", ROUNDING)
+        yield exactly(case, "force on an arm that has come out", max(gone), 0.0, "N")
+        if stall >= safety.FADE_TO / MS:
+            yield Figure(case, "force on a held arm at its end", max(left), "N", ENOUGH)
         yield Figure(case, "force on a hand that goes on, over sigma_f", max(on), "", 1.0 + JND)
         yield Figure(case, "greatest rise", max(slews), "N/ms", MOST_RISE)
         yield Figure(case, "least energy of a soft hand", min(energies) * 1e3, "mJ", at_least=LEAST_ENERGY * 1e3)
@@ -156,13 +168,14 @@ COMING = 0.5
 ABOVE = 2e-3
 
 
-def _stalled(stall: int, depth: float, stops: bool) -> tuple[Trace, float]:
-    """The trace, and the greatest yield stress that any model told."""
+def _stalled(stall: int, depth: float, then: float) -> tuple[Trace, float]:
+    """The trace, and the greatest yield stress that any model told. ``then`` the hand goes on (1), stops (0), or turns
+    back (-1)."""
     begin = (ABOVE + depth) / COMING
 
     def goal(now: float) -> tuple[Triple, Triple]:
-        gone = COMING * (min(now + PERIOD, begin) if stops else min(now + PERIOD, (ABOVE + 6e-3) / COMING))
-        return (0.0, 0.0, ABOVE - gone), (0.0, 0.0, 0.0)
+        way = COMING * (min(now + PERIOD, begin) + then * max(0.0, now + PERIOD - begin))
+        return (0.0, 0.0, max(ABOVE - way, -6e-3)), (0.0, 0.0, 0.0)
 
     world = Stalling(clay(block(1.0), band=float(RADIUS)), begin, stall * MS)
     told = _Told(world)
@@ -186,11 +199,15 @@ class _Told:
         return self.world.feel(place, now)
 
 
-def _rise(trace: Trace, depth: float, stall: int) -> float:
-    """Newtons by which the force rises in the stall, from when the arm stands and the slew limit has let it there."""
-    begin = (ABOVE + depth) / COMING + 3 * PERIOD
-    within = (trace.time >= begin) & (trace.time < begin - 3.5 * PERIOD + stall * MS)
-    return max(0.0, float(np.diff(np.linalg.norm(trace.force[within], axis=1)).max(initial=0.0)))
+def _during(trace: Trace, depth: float, stall: int) -> np.ndarray:
+    """How strong the force is in the stall, N, from when the arm has stopped and the slew limit has let it there."""
+    begin = (ABOVE + depth) / COMING
+    within = (trace.time >= begin + 3 * PERIOD) & (trace.time < begin - 0.5 * PERIOD + stall * MS)
+    return np.linalg.norm(trace.force[within], axis=1)
+
+
+def _rise(strength: np.ndarray) -> float:
+    return max(0.0, float(np.diff(strength).max(initial=0.0)))
 
 
 def _soft(stall: int, depth: float) -> float:
