@@ -66,6 +66,7 @@ chart: setup
 
 stability: setup
 	@$(PYTHON) -m tests.bench.stability $(if $(PAGE),--page)
+	@$(PYTHON) -m tests.bench.stability.hard_cases
 
 package: setup
 	@$(PYTHON) .ci/package.py --platforms "$(PLATFORMS)" --out dist

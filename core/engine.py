@@ -129,7 +129,7 @@ class Engine:
         self._poses = Poses(push.tool, coalesced=hand is not None)
         self._stop = Event()
         self._turn = Turn()
-        self._feeler = Feeler(push)
+        self._feeler = Feeler(push, turning=hand is not None)
         self._published: deque[float] = deque(maxlen=ceil(2.0 / PERIOD))
         self._began = self._longest_solve = 0.0
         self._discarded = self._refused = 0

@@ -49,11 +49,13 @@ class LocalModel:
 class Feeler:
     """Estimates around a pose while another thread pushes, and knows when mass in flight made that worthless.
 
-    ``estimates`` counts those that were made. Of mirrored tools the artist's is felt.
+    ``estimates`` counts those that were made. Of mirrored tools the artist's is felt. How the normal turns is estimated
+    where it is asked for with ``turning``: an arm's loop needs it, and it takes two more estimates' time.
     """
 
-    def __init__(self, push: Push | SymmetricPush) -> None:
+    def __init__(self, push: Push | SymmetricPush, turning: bool = False) -> None:
         self.estimates = 0
+        self._turns = turning
         self._push = push
         bricks = push.grid.bricks
         self._probe, self._aside = Probe(bricks.density, bricks), Probe(bricks.density, bricks)
@@ -73,7 +75,7 @@ class Feeler:
             self._model = replace(self._model, time=time)
             return self._model
         self._estimate(position, tool)
-        turning = self._turning()
+        turning = self._turning() if self._turns else NONE
         if self._push.epoch != epoch:
             return None
         self._asked = (epoch, position, tool)

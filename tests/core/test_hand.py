@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from repousse.core import Engine, Material, Push, Regime, Sample, SphereTool, dispersion
+from repousse.core.local_model import NONE
 from repousse.core.poses import LEAST_MOVE, Poses
 from repousse.core.quality import LONGEST_STEP
 
@@ -105,6 +106,7 @@ def test_a_hand_at_rest_feels_its_contact(kernels):
         assert running.contact.regime is Regime.PLASTIC
         assert hand.felt[-1].stress == pytest.approx(running.contact.stress, rel=1e-5)
         assert hand.felt[-1].yield_stress == pytest.approx(running.contact.yield_stress, rel=1e-5)
+        assert hand.felt[-1].turning != NONE  # an arm's loop turns the force with the tip; a mouse has none to turn
         known = len(hand.felt)
         until(lambda: len(hand.felt) > known + 20)  # and goes on to feel it
         times = [model.time for model in hand.felt]

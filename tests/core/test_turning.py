@@ -17,7 +17,7 @@ def feeler_of(inside):
     """Feels a body given by its signed distance, positive inside; and its tool."""
     offsets = np.indices((N,) * 3) - MIDDLE
     push = Push(DensityGrid(np.clip(inside(*offsets) + 0.5, 0.0, 1.0).astype(np.float32)), SphereTool(R), Material())
-    return Feeler(push), push.tool
+    return Feeler(push, turning=True), push.tool
 
 
 def at(*offset):
@@ -61,3 +61,10 @@ def test_it_is_the_derivative_of_the_normal(kernels):
 def test_where_the_normal_fades_nothing_turns(kernels):
     feeler, tool = feeler_of(lambda x, y, z: 0.0 * x + 1.0)
     assert feeler.feel(at(0.0, 0.0, 0.0), tool).turning == NONE
+
+
+def test_without_a_hand_nothing_turns(kernels):
+    """A mouse feels no force, so nobody pays for it."""
+    push = Push(DensityGrid(np.ones((N, N, N), np.float32)), SphereTool(R), Material())
+    assert Feeler(push).feel(at(0.0, 0.0, -MIDDLE), push.tool).turning == NONE
+    assert Feeler(push, turning=True).feel(at(0.0, 0.0, -MIDDLE), push.tool).turning != NONE

@@ -61,7 +61,7 @@ class Clay:
         self.push, self.mapping, self.sculpts = push, mapping, sculpts
         self.solved: list[Sample] = []
         self._poses = Poses(push.tool, coalesced=True)
-        self._feeler = Feeler(push)
+        self._feeler = Feeler(push, turning=True)
 
     def collide(self, place: Triple, now: float) -> ForceModel:
         self._poses.put(Sample(now, self.mapping.position(place)))
