@@ -3,28 +3,30 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
 from drawing import INK, View, save, show, surface
 from scipy import sparse
 from scipy.sparse import linalg
+from truths import load
 
 from repousse.core import DensityGrid, Material, Push, SphereTool
+from repousse.core.material import packing
 
 RADIUS, SURFACE, SIDE = 32.0, 112, 193
-SHALLOW, DEEP = 0.15, 0.5
-"""Depths in radii: that of the finite elements, and one at which the flow can be seen."""
+COMPARED, DEEP = (0.15, 0.3), 0.5
+"""Depths in radii: those of the finite elements, and one at which the flow can be seen."""
+RIM = packing(young_modulus=500.0, yield_stress=1.0).rim
+"""Of the solid that the finite elements are of: its hats' radius in contact radii, by the rule."""
 FLOW_ACROSS, FLOW_DEEP, FLOW_ABOVE = 78, 72, 14
 """Extent in voxels of the half section in which the flow is drawn."""
 
 
-def press(depth_in_radii: float, density: float = 1.0) -> np.ndarray:
+def press(depth_in_radii: float, rim: float = 2.0) -> np.ndarray:
     """Press a sphere into a packed block, the band one radius ahead of it; the density after (nx, ny, nz)."""
     block = np.zeros((SIDE, SIDE, SURFACE + 28), np.float32)
-    block[:, :, :SURFACE] = density
-    push = Push(DensityGrid(block), SphereTool(RADIUS), Material(3.3, 0.002), border="wall", band=RADIUS)
+    block[:, :, :SURFACE] = 1.0
+    push = Push(DensityGrid(block), SphereTool(RADIUS), Material(3.3, 0.002), border="wall", band=RADIUS, rim=rim)
     top, depth = SURFACE - 0.5 + RADIUS, depth_in_radii * RADIUS
     for z in np.linspace(top, top - depth, int(np.ceil(depth / 0.5)) + 1):
         push.move_to((SIDE // 2, SIDE // 2, z))
@@ -85,7 +87,7 @@ def draw(path) -> None:
     flow, profile, picture = figure.subplots(1, 3, width_ratios=[1.25, 1.1, 1.0])
     deep = press(DEEP)
     _draw_flow(flow, deep)
-    _draw_profile(profile, {SHALLOW: press(SHALLOW), DEEP: deep})
+    _draw_profile(profile)
     show(picture, surface(deep[20:-20, 20:-20, 40:], View(-60, 38, 460, 222)), f"the rim at {DEEP:g} R")
     save(figure, path)
 
@@ -132,21 +134,17 @@ def _draw_flow(axes, density: np.ndarray) -> None:
     axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.7, aspect=30, label="change of density")
 
 
-def _draw_profile(axes, pressed: dict[float, np.ndarray]) -> None:
-    table = np.loadtxt(Path(__file__).with_name("fem_profile.csv"), delimiter=",", skiprows=5)
-    radius, height, radius_hardening, height_hardening = table.T
-    axes.plot(radius, height, color=INK, lw=2.2, label="finite elements, E/Y = 500, .15 R")
-    axes.plot(
-        radius_hardening, height_hardening, color=INK, lw=1.2, ls="--", label="finite elements, hardening H = E/100"
-    )
-    for (depth, density), colour in zip(pressed.items(), ("#c8432b", "#e0a040")):
-        height = (density.sum(axis=2, dtype=np.float64) - SURFACE) / (depth * RADIUS)
-        radius, means = by_radius(height, 1.0)
-        crest = int(means.argmax())
-        axes.plot(
-            radius / RADIUS, means, color=colour, lw=1.8, label=f"this program, {depth:g} R: rim {means[crest]:.2f}"
-        )
+def _draw_profile(axes) -> None:
+    truth = load("mises-500")
+    for depth, style in zip(COMPARED, ("-", "--")):
+        at = int(np.argmin(np.abs(truth.depths - depth)))
+        label = f"finite elements, {depth:g} R: rim {truth.rim[at]:.2f}"
+        axes.plot(truth.profile_r, truth.profile_z[at] / depth, color=INK, lw=2.2, ls=style, label=label)
+        for rim, colour, name in ((RIM, "#c8432b", f"hats of {RIM:g} a, the rule's"), (2.0, "#e0a040", "of 2 a")):
+            height = (press(depth, rim).sum(axis=2, dtype=np.float64) - SURFACE) / (depth * RADIUS)
+            radius, means = by_radius(height, 1.0)
+            axes.plot(radius / RADIUS, means, color=colour, lw=1.6, ls=style, label=f"{name}: rim {means.max():.2f}")
     axes.axhline(0.0, color=INK, lw=0.6)
-    axes.set(xlim=(0.35, 2.2), ylim=(-0.35, 0.6), xlabel="distance from the axis, r / R", ylabel="height / depth")
-    axes.set_title("The rim it raises\nagainst von Mises finite elements")
-    axes.legend(loc="upper right")
+    axes.set(xlim=(0.35, 2.2), ylim=(-0.35, 0.75), xlabel="distance from the axis, r / R", ylabel="height / depth")
+    axes.set_title("The rim it raises\nagainst von Mises finite elements, E/Y = 500")
+    axes.legend(loc="upper right", fontsize=8)
