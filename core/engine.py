@@ -325,10 +325,8 @@ class Engine:
         """How far along the push a sample is, from where the tool came into the material."""
         if Regime.NONE in (self.contact.regime, contact.regime) or not self.solved:
             return 0.0
-        start = self.solved[-1].position
-        if (
-            dist(start, sample.position) > 2.0 * quality_named(sample.quality).longest_step
-        ):  # a jump: the tool was lifted
+        start, longest = self.solved[-1].position, quality_named(sample.quality).longest_step
+        if dist(start, sample.position) > 2.0 * longest:  # a jump: the tool was lifted
             return 0.0
         along = sample.direction or vector(-contact.force / max(hypot(*contact.force), TINY))
         way = zip(start, sample.position, along, strict=True)

@@ -131,13 +131,9 @@ class ArmMapping:
         The stresses are the same newtons. The gradient is that along the arm's own ways, N/m, and the normal that of
         the same surface in the arm's frame, of the same length as in the grid.
         """
-        a, b, c = self._there
-        x, y, z = model.gradient
-        gradient = (a[0] * x + b[0] * y + c[0] * z, a[1] * x + b[1] * y + c[1] * z, a[2] * x + b[2] * y + c[2] * z)
-        x, y, z = model.normal
-        normal = (a[0] * x + b[0] * y + c[0] * z, a[1] * x + b[1] * y + c[1] * z, a[2] * x + b[2] * y + c[2] * z)
+        gradient, normal = _carried(self._there, model.gradient), _carried(self._there, model.normal)
         length = hypot(*normal)
-        share = hypot(x, y, z) / length if length > 0.0 else 0.0
+        share = hypot(*model.normal) / length if length > 0.0 else 0.0
         turned = [_carried(self._there, row, share) for row in model.turning]  # by each axis of the grid
         turning_x, turning_y, turning_z = (
             vector(sum(row[k] * there[j] for row, there in zip(turned, self._there, strict=True)) for k in range(3))
@@ -166,7 +162,7 @@ def _rows(matrix: np.ndarray) -> tuple[_Row, _Row, _Row]:
     return a, b, c
 
 
-def _carried(rows: tuple[_Row, _Row, _Row], by: Vector, share: float) -> Vector:
+def _carried(rows: tuple[_Row, _Row, _Row], by: Vector, share: float = 1.0) -> Vector:
     """What is told per voxel, by the transpose of the map, times a share."""
     (a, b, c), (x, y, z) = rows, by
     return (

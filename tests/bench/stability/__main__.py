@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from . import cells, material, page, pictures
+from . import cells, material, page, pictures, table
 
 ROOT = Path(__file__).resolve().parents[3]
 WORKERS = 2
@@ -28,11 +28,11 @@ def main() -> int:
     parser.add_argument("--page", action="store_true", help="renew the numbers and pictures of STABILITY.md as well")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    table, felt, began = options.out / "stability.csv", options.out / "material.csv", time.perf_counter()
+    walls, felt, began = options.out / "stability.csv", options.out / "material.csv", time.perf_counter()
     if not options.drawn:
-        cells.write(_measured(cells.measure, cells.all_cells(), "walls"), table)
-        material.write(_measured(material.measure, material.SPOTS, "material"), felt)
-    rows, spots = cells.read(table), material.read(felt)
+        table.write(cells.Row, _measured(cells.measure, cells.all_cells(), "walls"), walls)
+        table.write(material.Found, _measured(material.measure, material.SPOTS, "material"), felt)
+    rows, spots = table.read(cells.Row, walls), table.read(material.Found, felt)
     pictures.draw_all(rows, options.out)
     if options.page:
         page.renew(rows, spots, options.out)

@@ -8,11 +8,9 @@ the tip still moves by more than one of that arm's encoder steps after two secon
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
 from functools import cache
 from itertools import product
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -191,23 +189,3 @@ def quietens(cell: Cell, stiffness: float) -> bool:
     device, coupling = DEVICES[0], Coupling(cell.coupling)
     loop = at_wall(device, HANDS[cell.hand], cell.timing, coupling, cell.guard != "none", True, stiffness, UNLIMITED)
     return loop.run(WHOLE).peak_to_peak(SETTLED) < device.mechanics.encoder
-
-
-def write(rows: Iterable[Row], path: Path) -> None:
-    """The table, whole or not at all."""
-    unfinished = path.with_suffix(".part")
-    with unfinished.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(Row._fields)
-        writer.writerows([value if isinstance(value, str) else f"{value:.6g}" for value in row] for row in rows)
-    unfinished.replace(path)
-
-
-def read(path: Path) -> list[Row]:
-    """The table as :func:`write` left it."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return [Row(*(_value(name, text) for name, text in line.items())) for line in csv.DictReader(file)]  # type: ignore[arg-type]
-
-
-def _value(name: str, text: str) -> str | float:
-    return text if name in ("coupling", "guard", "hand") else float(text)

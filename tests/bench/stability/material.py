@@ -7,10 +7,7 @@ software, in three dimensions with its friction, encoder counts and motor curren
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 from repousse.device.limits import limits_of
@@ -113,23 +110,3 @@ def measure(spot: Spot) -> Found:
         energy_min_j=trace.lowest_energy,
         yielded_mm=1e3 * yielded,
     )
-
-
-def write(found: Iterable[Found], path: Path) -> None:
-    """The table, whole or not at all."""
-    unfinished = path.with_suffix(".part")
-    with unfinished.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(Found._fields)
-        writer.writerows([value if isinstance(value, str) else f"{value:.6g}" for value in row] for row in found)
-    unfinished.replace(path)
-
-
-def read(path: Path) -> list[Found]:
-    """The table as :func:`write` left it."""
-    texts = ("coupling", "arm", "hand")
-    with path.open(newline="", encoding="utf-8") as file:
-        return [
-            Found(*(text if name in texts else float(text) for name, text in line.items()))  # type: ignore[arg-type]
-            for line in csv.DictReader(file)
-        ]
